@@ -1,0 +1,79 @@
+"""What a detector sees in one frame, and the one method every detector has."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, Self
+
+import numpy as np
+
+from geometry.arrays import FloatMap, GreyImage
+from geometry.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frames:
+    """The frames of one recording, undistorted, read on demand.
+
+    Attributes:
+        images: N grey images, (H, W) uint8; `images[i]` may decode or read a file.
+        trajectory: Their N poses and the pinhole camera; None where the camera stood still or
+            its motion is unknown.
+    """
+
+    images: Sequence[GreyImage]
+    trajectory: Trajectory | None = None
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """The refraction seen in one frame.
+
+    Attributes:
+        displacement: (H, W, 2) px, x right, y down: pixel p shows the background that would stand
+            at p + displacement(p) without the plume.
+        sigma_px: (H, W) standard deviation of either component, px; inf where nothing was measured.
+        llr: (H, W) natural-log likelihood ratio of refraction against none; 0 says nothing.
+        inverse_depth: (H, W) of the background along the optical axis, 1 / world unit; 0 at
+            infinity, NaN where unknown. None where the detector does not measure it.
+    """
+
+    displacement: FloatMap
+    sigma_px: FloatMap
+    llr: FloatMap
+    inverse_depth: FloatMap | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.llr.shape
+        if self.displacement.shape != (*shape, 2) or self.sigma_px.shape != shape:
+            raise ValueError(
+                f"{self.displacement.shape=} and {self.sigma_px.shape=} do not fit {shape=}"
+            )
+
+    def save(self, path: Path) -> None:
+        """Writes a float16 .npz."""
+        arrays = {"displacement": self.displacement, "sigma_px": self.sigma_px, "llr": self.llr}
+        if self.inverse_depth is not None:
+            arrays["inverse_depth"] = self.inverse_depth
+        half = {name: array.astype(np.float16) for name, array in arrays.items()}
+        with path.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **half)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads what `save` wrote."""
+        with np.load(path, allow_pickle=False) as file:
+            return cls(**{name: file[name].astype(np.float32) for name in file.files})
+
+
+class Detector(Protocol):
+    """Anything that sees refraction in a frame."""
+
+    name: str
+
+    def detect(self, frames: Frames, index: int) -> Detection:
+        """Measures frame `index`; other frames may serve as neighbours or reference."""
+        ...

@@ -1,0 +1,12 @@
+"""Names for the array types that the packages pass around."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+FloatMap: TypeAlias = NDArray[np.float32]
+GreyImage: TypeAlias = NDArray[np.uint8]

@@ -1,0 +1,37 @@
+"""The two ways a run can end badly, each with one line that says what, where and what to do."""
+
+from enum import Enum
+
+
+class LocateError(Exception):
+    """Base of every error this project raises on purpose; its text is one line for a person."""
+
+    exit_code = 1
+
+
+class BadInputError(LocateError):
+    """An input that cannot be used: missing, unreadable, or not what it claims to be."""
+
+    exit_code = 2
+
+
+class RegistrationFailure(Enum):
+    """Why frames could not be registered; the value is the name used in files and messages."""
+
+    TOO_FEW_FRAMES = "too few frames"
+    STATIC_CAMERA = "static camera"
+    PURE_ROTATION = "pure rotation"
+    LOW_TEXTURE = "too little texture"
+    SPLIT_MODELS = "broke into several models"
+    FOCAL_DIVERGED = "focal length ran away"
+    IMPLAUSIBLE_POSES = "implausible poses"
+
+
+class RegistrationError(LocateError):
+    """The frames could not be registered; `failure` names the cause, the text gives the cure."""
+
+    exit_code = 3
+
+    def __init__(self, failure: RegistrationFailure, message: str) -> None:
+        super().__init__(f"{failure.value}: {message}")
+        self.failure = failure

@@ -1,0 +1,185 @@
+"""Where the camera was: poses with covariances, and what is known of the world they live in."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from geometry.arrays import FloatArray, IntArray
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from geometry.similarity import Similarity
+
+SCHEMA = "locate.trajectory/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """Camera poses of N frames, in one world frame.
+
+    Attributes:
+        camera: The camera that took every frame.
+        indices: (N,) index of each frame in the source video or folder, ascending.
+        times_s: (N,) time of each frame in s.
+        rotations: (N, 3, 3) cam_from_world.
+        translations: (N, 3) cam_from_world, in world units.
+        covariances: (N, 6, 6) of world_from_cam in gtsam's order [rotation (rad), translation],
+            right tangent; NaN rows where unknown. None where nothing is known of any frame.
+        metric: The world unit is the metre; otherwise it is a free "scene unit".
+        gravity: World Z is known to point up; otherwise the direction of up is a guess.
+    """
+
+    camera: Camera
+    indices: IntArray
+    times_s: FloatArray
+    rotations: FloatArray
+    translations: FloatArray
+    covariances: FloatArray | None = None
+    metric: bool = False
+    gravity: bool = False
+
+    def __post_init__(self) -> None:
+        n = len(self.indices)
+        shapes = {
+            "times_s": (self.times_s.shape, (n,)),
+            "rotations": (self.rotations.shape, (n, 3, 3)),
+            "translations": (self.translations.shape, (n, 3)),
+        }
+        if self.covariances is not None:
+            shapes["covariances"] = (self.covariances.shape, (n, 6, 6))
+        for name, (got, expected) in shapes.items():
+            if got != expected:
+                raise ValueError(f"{name}.shape={got}, expected {expected}")
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    @property
+    def units(self) -> str:
+        """``"m"`` or ``"scene"``."""
+        return "m" if self.metric else "scene"
+
+    @property
+    def centers_in_world(self) -> FloatArray:
+        """(N, 3) camera centres."""
+        return -np.asarray(np.einsum("nji,nj->ni", self.rotations, self.translations))
+
+    def world_to_cam(self, i: int, points_in_world: FloatArray) -> FloatArray:
+        """Moves (..., 3) world points into the camera frame of frame `i`."""
+        moved = points_in_world @ self.rotations[i].T + self.translations[i]
+        return np.asarray(moved)
+
+    def project(self, i: int, points_in_world: FloatArray) -> FloatArray:
+        """(..., 2) pixels of (..., 3) world points in frame `i`; NaN behind the camera."""
+        return self.camera.project(self.world_to_cam(i, points_in_world))
+
+    def take(self, rows: Sequence[int] | IntArray) -> Self:
+        """The trajectory of the given rows only."""
+        rows = np.asarray(rows, dtype=np.int64)
+        return replace(
+            self,
+            indices=self.indices[rows],
+            times_s=self.times_s[rows],
+            rotations=self.rotations[rows],
+            translations=self.translations[rows],
+            covariances=None if self.covariances is None else self.covariances[rows],
+        )
+
+    def transformed(self, target_from_world: Similarity) -> Self:
+        """The same cameras seen from another world frame; the flags are kept."""
+        rotations = self.rotations @ target_from_world.rotation.T
+        centers = target_from_world(self.centers_in_world)
+        covariances = self.covariances
+        if covariances is not None:
+            unit = np.repeat([1.0, target_from_world.scale], 3)
+            covariances = covariances * np.outer(unit, unit)
+        return replace(
+            self,
+            rotations=rotations,
+            translations=-np.einsum("nij,nj->ni", rotations, centers),
+            covariances=covariances,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of trajectory.json, schema ``locate.trajectory/1``."""
+        quaternions = Rotation.from_matrix(self.rotations).as_quat()
+        frames = [
+            {
+                "index": int(self.indices[i]),
+                "time_s": float(self.times_s[i]),
+                "cam_from_world": {
+                    "rotation_xyzw": quaternions[i].tolist(),
+                    "translation": self.translations[i].tolist(),
+                },
+                "covariance": self._covariance_or_none(i),
+            }
+            for i in range(len(self))
+        ]
+        return {
+            "schema": SCHEMA,
+            "units": self.units,
+            "gravity": self.gravity,
+            "camera": self.camera.to_dict(),
+            "frames": frames,
+        }
+
+    def _covariance_or_none(self, i: int) -> list[list[float]] | None:
+        if self.covariances is None or not np.isfinite(self.covariances[i]).all():
+            return None
+        rows: list[list[float]] = self.covariances[i].tolist()
+        return rows
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Self:
+        """Reads the content of trajectory.json (or of truth.json, which carries the same block).
+
+        Raises:
+            BadInputError: A key is missing or has the wrong shape.
+        """
+        try:
+            frames = content["frames"]
+            unknown = np.full((6, 6), np.nan)
+            covariances = np.array(
+                [unknown if f.get("covariance") is None else f["covariance"] for f in frames],
+                dtype=float,
+            ).reshape(-1, 6, 6)
+            poses = [f["cam_from_world"] for f in frames]
+            quaternions = np.array([p["rotation_xyzw"] for p in poses], dtype=float).reshape(-1, 4)
+            return cls(
+                camera=Camera.from_dict(content["camera"]),
+                indices=np.array([f["index"] for f in frames], dtype=np.int64),
+                times_s=np.array([f["time_s"] for f in frames], dtype=float),
+                rotations=Rotation.from_quat(quaternions).as_matrix().reshape(-1, 3, 3),
+                translations=np.reshape([p["translation"] for p in poses], (-1, 3)).astype(float),
+                covariances=None if np.isnan(covariances).all() else covariances,
+                metric=content["units"] == "m",
+                gravity=bool(content["gravity"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadInputError(f"trajectory lacks a valid {error}") from error
+
+    def save(self, path: Path) -> None:
+        """Writes trajectory.json."""
+        path.write_text(json.dumps(self.to_dict(), indent=1))
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads trajectory.json.
+
+        Raises:
+            BadInputError: The file is missing, not JSON, or not a trajectory.
+        """
+        try:
+            content = json.loads(path.read_text())
+        except (OSError, ValueError) as error:
+            raise BadInputError(f"{path}: not a readable trajectory file ({error})") from error
+        if not isinstance(content, dict):
+            raise BadInputError(f"{path}: not a trajectory (expected a JSON object)")
+        try:
+            return cls.from_dict(content)
+        except BadInputError as error:
+            raise BadInputError(f"{path}: {error}") from error
