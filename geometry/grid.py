@@ -1,0 +1,127 @@
+"""Evidence summed in 3D: log-likelihood ratios of many views in one voxel grid.
+
+A horizontal slice of the grid is a plane, so one homography carries a view's map onto it.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray, FloatMap
+from geometry.trajectory import Trajectory
+
+LEVER_NONE, LEVER_FULL = 0.03, 0.28
+
+
+def lever(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
+    """How much of a deflection at `depth` shows, as a share: ``(Z_b - Z_p) / Z_b``.
+
+    1 before an infinitely far background, 0 on its surface, negative behind it.
+    """
+    return np.asarray(1 - depth * background_inverse_depth, np.float32)
+
+
+def lever_gate(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
+    """Weight in [0, 1] of what a pixel says about `depth`; 0 where nothing can bend or be seen.
+
+    A plume close before its background displaces nothing, and behind it is hidden; where the
+    background is unknown (NaN) nothing is said.
+    """
+    ramp = (lever(depth, background_inverse_depth) - LEVER_NONE) / (LEVER_FULL - LEVER_NONE)
+    return np.asarray(np.nan_to_num(np.clip(ramp, 0, 1), nan=0.0), np.float32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """An axis-aligned volume of cubic voxels.
+
+    Attributes:
+        low_in_world: (3,) its lowest corner, world units.
+        voxel: Edge of a voxel, world units.
+        shape: Number of voxels along z, y, x.
+    """
+
+    low_in_world: FloatArray
+    voxel: float
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def around(cls, low: FloatArray, high: FloatArray, *, longest: int) -> Self:
+        """The box from `low` to `high` with `longest` voxels along its longest edge."""
+        voxel = float((high - low).max() / longest)
+        nx, ny, nz = (max(1, int(np.ceil(size / voxel))) for size in high - low)
+        return cls(low_in_world=np.asarray(low, dtype=float), voxel=voxel, shape=(nz, ny, nx))
+
+    def centers_in_world(self, indices_zyx: FloatArray) -> FloatArray:
+        """(N, 3) world positions of the centres of (N, 3) voxel indices (z, y, x)."""
+        return self.low_in_world + (indices_zyx[:, ::-1] + 0.5) * self.voxel
+
+    def slice_height(self, k: int) -> float:
+        """World z of the centres of slice `k`."""
+        return float(self.low_in_world[2] + (k + 0.5) * self.voxel)
+
+    def pixel_from_slice(self, k: int, trajectory: Trajectory, i: int) -> FloatArray:
+        """(3, 3) homography from (x index, y index, 1) of slice `k` to pixels of frame `i`.
+
+        Its third row gives the depth along the optical axis, in world units.
+        """
+        x0, y0 = self.low_in_world[:2] + 0.5 * self.voxel
+        world_from_slice = np.array(
+            [[self.voxel, 0, x0], [0, self.voxel, y0], [0, 0, self.slice_height(k)], [0, 0, 1]]
+        )
+        cam_from_world = np.hstack([trajectory.rotations[i], trajectory.translations[i][:, None]])
+        return np.asarray(trajectory.camera.matrix @ cam_from_world @ world_from_slice)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvidenceGrid:
+    """The sum over views.
+
+    Attributes:
+        box: Where the voxels are.
+        llr: (Z, Y, X) summed log-likelihood ratio, nats per pixel looked at.
+        weight: (Z, Y, X) number of views that could see refraction in the voxel.
+    """
+
+    box: Box
+    llr: FloatMap
+    weight: FloatMap
+
+
+def sum_evidence(
+    box: Box, trajectory: Trajectory, llr: FloatMap, inverse_depth: FloatMap
+) -> EvidenceGrid:
+    """Sums the maps of all views into the voxels that they can see.
+
+    Args:
+        box: The volume.
+        trajectory: Poses of the V views; its camera is a pinhole of the maps' size.
+        llr: (V, H, W) evidence.
+        inverse_depth: (V, H, W) of the background, 1 / world unit; NaN where unknown.
+    """
+    total = np.zeros(box.shape, np.float32)
+    weight = np.zeros(box.shape, np.float32)
+    columns, rows = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in box.shape[:0:-1]))
+    size = box.shape[:0:-1]
+    flags = cv2.WARP_INVERSE_MAP
+    for i in range(len(trajectory)):
+        for k in range(box.shape[0]):
+            homography = box.pixel_from_slice(k, trajectory, i)
+            depth = homography[2, 0] * columns + homography[2, 1] * rows + homography[2, 2]
+            depth = depth.astype(np.float32)
+            background = cv2.warpPerspective(
+                inverse_depth[i],
+                homography,
+                size,
+                flags=flags | cv2.INTER_NEAREST,
+                borderValue=np.nan,
+            )
+            gate = lever_gate(depth, np.asarray(background, np.float32)) * (depth > 0)
+            if not gate.any():
+                continue
+            seen = cv2.warpPerspective(llr[i], homography, size, flags=flags | cv2.INTER_LINEAR)
+            total[k] += gate * seen
+            weight[k] += gate
+    return EvidenceGrid(box=box, llr=total, weight=weight)

@@ -1,0 +1,1 @@
+"""Evidence of many views -> plumes: sum first, decide late."""

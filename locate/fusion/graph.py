@@ -1,0 +1,165 @@
+"""The factor graph: camera poses and two points on a plume's axis, with their marginals.
+
+Each view measures where the axis lies across itself, and nothing along it, so the noise of a
+measurement is an ellipse in pixels, tight across the axis. Projection factors take that as it
+is; the tangent basis of a bearing factor turns with the prediction and cannot.
+"""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+
+from geometry.arrays import FloatArray
+from geometry.trajectory import Trajectory
+from locate.fusion.axis import AxisSightings
+
+FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
+FALLBACK_RANGE_SHARE = 0.002
+ALONG_AXIS_PX = 1e3
+HEIGHT_GAUGE_UNITS = 1e-3
+NODE_PRIOR_UNITS = 100.0
+NOISE_FLOOR_PX = 0.15
+STRONGEST_CORRELATION = 0.7
+CAUCHY_K = 2.0
+FEWEST_VIEWS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisEstimate:
+    """Two points on the axis and their joint covariance.
+
+    Attributes:
+        heights: (2,) of the points above the column's lowest point, along world Z.
+        points: (2, 3) in the world.
+        covariance: (6, 6) of both, lower first; their heights are fixed by definition.
+    """
+
+    heights: FloatArray
+    points: FloatArray
+    covariance: FloatArray
+
+    def at(self, height: float) -> tuple[FloatArray, FloatArray]:
+        """(3,) point of the axis at `height` and its (3, 3) covariance."""
+        share = (height - self.heights[0]) / (self.heights[1] - self.heights[0])
+        mix = np.hstack([(1 - share) * np.eye(3), share * np.eye(3)])
+        return mix @ self.points.ravel(), mix @ self.covariance @ mix.T
+
+    @property
+    def rise(self) -> FloatArray:
+        """(3,) the way along the axis per unit of height."""
+        return np.asarray((self.points[1] - self.points[0]) / np.ptp(self.heights))
+
+    @property
+    def direction(self) -> FloatArray:
+        """(3,) unit vector of the rise."""
+        return np.asarray(self.rise / np.linalg.norm(self.rise))
+
+    @property
+    def direction_sigma_rad(self) -> float:
+        """Standard deviation of the direction's angle, rad (root mean square over azimuth)."""
+        length = np.linalg.norm(self.points[1] - self.points[0])
+        difference = np.hstack([-np.eye(3), np.eye(3)])
+        across = np.eye(3) - np.outer(self.direction, self.direction)
+        spread = across @ difference @ self.covariance @ difference.T @ across
+        return float(np.sqrt(np.trace(spread) / 2) / length)
+
+
+def estimate_axis(
+    trajectory: Trajectory, sightings: AxisSightings, unit: float
+) -> AxisEstimate | None:
+    """Solves for the axis from what all views see of it.
+
+    Args:
+        trajectory: V poses with their covariances; the camera of the sightings.
+        sightings: Where each view sees the axis.
+        unit: The yardstick of fusion, world units.
+
+    Returns:
+        The estimate, or None where fewer than two views see one of the halves.
+    """
+    seen = np.isfinite(sightings.offset_px)
+    if (seen.sum(axis=0) < FEWEST_VIEWS).any():
+        return None
+    graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    _add_nodes(graph, initial, sightings.points, unit)
+    for i in np.flatnonzero(seen.any(axis=1)):
+        _add_pose(graph, initial, trajectory, int(i), sightings.points[0])
+    for node in (0, 1):
+        rows = np.flatnonzero(seen[:, node])
+        sigma = _noise_px(sightings.offset_px[rows, node])
+        for i in rows:
+            _add_sighting(graph, trajectory, sightings, (int(i), node), sigma)
+    result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
+    joint = gtsam.Marginals(graph, result).jointMarginalCovariance(gtsam.KeyVector([L(0), L(1)]))
+    return AxisEstimate(
+        heights=sightings.heights,
+        points=np.array([result.atPoint3(L(node)) for node in (0, 1)]),
+        covariance=np.asarray(joint.fullMatrix()),
+    )
+
+
+def _noise_px(offsets: FloatArray) -> float:
+    """Sigma of one view's offset, from the scatter over views.
+
+    Views close in time see the same meander of the plume, so the scatter is widened by what its
+    lag-one correlation takes from the number of independent views.
+    """
+    centred = offsets - np.median(offsets)
+    scatter = 1.4826 * float(np.median(np.abs(centred)))
+    power = float((centred**2).sum())
+    lag = float((centred[1:] * centred[:-1]).sum()) / power if power > 0 else 0.0
+    lag = min(max(lag, 0.0), STRONGEST_CORRELATION)
+    few = len(offsets) / max(len(offsets) - 2, 1)
+    return float(np.hypot(scatter, NOISE_FLOOR_PX) * np.sqrt(few * (1 + lag) / (1 - lag)))
+
+
+def _add_nodes(
+    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, points: FloatArray, unit: float
+) -> None:
+    sigmas = np.array([NODE_PRIOR_UNITS, NODE_PRIOR_UNITS, HEIGHT_GAUGE_UNITS]) * unit
+    noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    for node, point in enumerate(points):
+        graph.add(gtsam.PriorFactorPoint3(L(node), point, noise))
+        initial.insert(L(node), point)
+
+
+def _add_pose(
+    graph: gtsam.NonlinearFactorGraph,
+    initial: gtsam.Values,
+    trajectory: Trajectory,
+    i: int,
+    target: FloatArray,
+) -> None:
+    center = trajectory.centers_in_world[i]
+    pose = gtsam.Pose3(gtsam.Rot3(trajectory.rotations[i].T), center)
+    covariance = None if trajectory.covariances is None else trajectory.covariances[i]
+    if covariance is None or not np.isfinite(covariance).all():
+        shift = FALLBACK_RANGE_SHARE * float(np.linalg.norm(target - center))
+        covariance = np.diag(np.repeat([FALLBACK_ROTATION_RAD, shift], 3) ** 2)
+    noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    graph.add(gtsam.PriorFactorPose3(X(i), pose, noise))
+    initial.insert(X(i), pose)
+
+
+def _add_sighting(
+    graph: gtsam.NonlinearFactorGraph,
+    trajectory: Trajectory,
+    sightings: AxisSightings,
+    view_and_node: tuple[int, int],
+    sigma_px: float,
+) -> None:
+    i, node = view_and_node
+    across = sightings.normal[i, node]
+    along = np.array([across[1], -across[0]])
+    covariance = sigma_px**2 * np.outer(across, across)
+    covariance += ALONG_AXIS_PX**2 * np.outer(along, along)
+    noise = gtsam.noiseModel.Robust.Create(
+        gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY_K),
+        gtsam.noiseModel.Gaussian.Covariance(covariance),
+    )
+    K = trajectory.camera.matrix
+    calibration = gtsam.Cal3_S2(K[0, 0], K[1, 1], 0.0, K[0, 2], K[1, 2])
+    pixel = sightings.pixel[i, node]
+    graph.add(gtsam.GenericProjectionFactorCal3_S2(pixel, noise, X(i), L(node), calibration))

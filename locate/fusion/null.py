@@ -1,0 +1,66 @@
+"""How strong a column chance alone makes: the run's own maps with their agreement destroyed.
+
+Every view's maps are turned sideways by a random amount of their own, so that each still holds
+what it held (noise, clutter, blobs) but no two views agree on where. The strongest column of
+each such draw is a sample of the largest value in the whole volume, so the level holds for the
+volume, not for a voxel.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.stats import gumbel_r
+
+from geometry.arrays import FloatArray
+from geometry.grid import Box
+from locate.fusion.column import score
+from locate.fusion.fit import fit_columns
+from locate.fusion.proposals import propose
+from locate.fusion.views import Views
+
+NULL_DRAWS = 12
+NULL_STARTS = 8
+SMALLEST_SHIFT = 0.12
+SMALLEST_SCALE_NATS = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class NullLevel:
+    """The distribution of the strongest column of a volume without plumes.
+
+    Attributes:
+        strongest: (D,) the strongest column of each draw, nats.
+        location: Of the Gumbel distribution fitted to them.
+        scale: Likewise.
+    """
+
+    strongest: FloatArray
+    location: float
+    scale: float
+
+    @classmethod
+    def from_views(cls, views: Views, box: Box, unit: float, rng: np.random.Generator) -> Self:
+        """Draws `NULL_DRAWS` volumes from the run's own maps."""
+        width = views.llr.shape[2]
+        strongest = np.zeros(NULL_DRAWS)
+        for draw in range(NULL_DRAWS):
+            shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
+            rolled = views.rolled([round(share * width) for share in shares])
+            proposals, _ = propose(rolled, box, unit, most=NULL_STARTS)
+            if len(proposals.columns):
+                best = fit_columns(rolled, proposals.columns, unit, rng)[:1]
+                strongest[draw] = score(rolled, best).sum()
+        mean, deviation = strongest.mean(), strongest.std(ddof=1)
+        scale = max(deviation * np.sqrt(6) / np.pi, SMALLEST_SCALE_NATS)
+        return cls(
+            strongest=strongest, location=float(mean - np.euler_gamma * scale), scale=float(scale)
+        )
+
+    def false_alarm(self, strength: float) -> float:
+        """Probability that a volume without plumes holds a column at least this strong."""
+        return float(gumbel_r.sf(strength, self.location, self.scale))
+
+    def threshold(self, false_alarm: float) -> float:
+        """The strength that only the share `false_alarm` of such volumes reaches, nats."""
+        return float(gumbel_r.isf(false_alarm, self.location, self.scale))

@@ -1,0 +1,120 @@
+"""Where a column might stand: sums of the evidence grid along sheared columns of voxels."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray, FloatMap
+from geometry.grid import Box, EvidenceGrid, sum_evidence
+from locate.fusion.views import Views
+
+SLOPES = (-0.35, 0.0, 0.35)
+RADII_UNITS = (0.15, 0.3)
+SEPARATION_UNITS = 0.5
+OPENING_START = 0.1
+FEWEST_VIEWS = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposals:
+    """Columns found in a grid, best first.
+
+    Attributes:
+        columns: (N, 8) columns, world units.
+        strength: (N,) summed evidence, in the grid's own unit: comparable between grids of the
+            same box only.
+    """
+
+    columns: FloatArray
+    strength: FloatArray
+
+
+def best_interval(evidence: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """For each (y, x) of a (Z, Y, X) array the run of slices with the largest sum.
+
+    Kadane's algorithm. Returns the sum, the first and the last slice of the run, each (Y, X).
+    """
+    running = np.zeros(evidence.shape[1:], np.float32)
+    start = np.zeros(evidence.shape[1:], np.float32)
+    best, first, last = np.zeros_like(running), np.zeros_like(running), np.zeros_like(running)
+    for k, layer in enumerate(evidence):
+        restart = running <= 0
+        running = np.where(restart, layer, running + layer)
+        start = np.where(restart, k, start)
+        better = running > best
+        best = np.where(better, running, best)
+        first = np.where(better, start, first)
+        last = np.where(better, k, last)
+    return best, first, last
+
+
+def propose(views: Views, box: Box, unit: float, *, most: int) -> tuple[Proposals, EvidenceGrid]:
+    """The `most` strongest, well separated columns of the summed evidence."""
+    grid = sum_evidence(box, views.trajectory, views.llr, views.inverse_depth)
+    found = [
+        candidate
+        for sheared in _sheared(grid, unit)
+        for candidate in _peaks(*sheared, box=box, unit=unit, most=most)
+    ]
+    found.sort(key=lambda pair: -pair[1])
+    columns: list[FloatArray] = []
+    strength: list[float] = []
+    for column, value in found:
+        middle = _middle(column)
+        if all(np.hypot(*(middle - _middle(c))) > SEPARATION_UNITS * unit for c in columns):
+            columns.append(column)
+            strength.append(value)
+        if len(columns) == most:
+            break
+    return Proposals(columns=np.reshape(columns, (-1, 8)), strength=np.array(strength)), grid
+
+
+def _middle(column: FloatArray) -> FloatArray:
+    return np.asarray(column[:2] + column[3:5] * column[5] / 2)
+
+
+def _sheared(
+    grid: EvidenceGrid, unit: float
+) -> Iterator[tuple[FloatMap, tuple[float, float], float]]:
+    """The grid averaged over discs and sheared, so that slanted columns stand upright."""
+    evidence = np.where(grid.weight >= FEWEST_VIEWS, grid.llr, 0).astype(np.float32)
+    for radius in RADII_UNITS:
+        cells = max(1, round(radius * unit / grid.box.voxel))
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * cells + 1, 2 * cells + 1))
+        disc = disc.astype(np.float32) / disc.sum()
+        blurred = np.stack([cv2.filter2D(layer, -1, disc) for layer in evidence])
+        for slope in product(SLOPES, SLOPES):
+            sheared = np.empty_like(blurred)
+            for k, layer in enumerate(blurred):
+                shift = [-round(s * k) for s in slope]
+                sheared[k] = np.roll(layer, shift, axis=(1, 0))
+            yield sheared * np.float32(2 * radius), slope, radius
+
+
+def _peaks(
+    sheared: FloatMap,
+    slope: tuple[float, float],
+    radius: float,
+    *,
+    box: Box,
+    unit: float,
+    most: int,
+) -> list[tuple[FloatArray, float]]:
+    """The local maxima of the best run of slices: (column, strength)."""
+    total, first, last = best_interval(sheared)
+    size = 2 * max(1, round(SEPARATION_UNITS * unit / box.voxel)) + 1
+    peak = (total == cv2.dilate(total, np.ones((size, size), np.uint8))) & (total > 0)
+    rows, cols = np.nonzero(peak)
+    strongest = np.argsort(-total[rows, cols])[:most]
+    candidates = []
+    for y, x in zip(rows[strongest], cols[strongest], strict=True):
+        k = float(first[y, x])
+        base = np.array([[k, y + round(slope[1] * k), x + round(slope[0] * k)]])
+        height = (last[y, x] - k + 1) * box.voxel
+        low = box.centers_in_world(base)[0] - [0, 0, box.voxel / 2]
+        column = np.array([*low, *slope, height, radius * unit, OPENING_START])
+        candidates.append((column, float(total[y, x] * box.voxel / unit)))
+    return candidates

@@ -1,0 +1,132 @@
+"""The evidence of all views, brought to one modest size, with the scale of the scene."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import cv2
+import numpy as np
+
+from detect.detection import Detection
+from geometry.arrays import FloatArray, FloatMap
+from geometry.grid import Box
+from geometry.trajectory import Trajectory
+
+FUSION_WIDTH_PX = 320
+VOXELS_ALONG_LONGEST_EDGE = 96
+RANGE_TO_UNIT = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Views:
+    """V views of evidence.
+
+    Attributes:
+        trajectory: V poses; the camera is a pinhole of the maps' size.
+        llr: (V, H, W) evidence, nats per pixel.
+        inverse_depth: (V, H, W) of the background, 1 / world unit; NaN where unknown.
+        displacement_px: (V, H, W) length of the displacement, px of the original frames.
+        correlation_px2: Area over which the evidence of plume-free pixels is correlated, px of
+            these maps squared; so many pixels count as one look.
+    """
+
+    trajectory: Trajectory
+    llr: FloatMap
+    inverse_depth: FloatMap
+    displacement_px: FloatMap
+    correlation_px2: float
+
+    @classmethod
+    def from_detections(cls, detections: Sequence[Detection], trajectory: Trajectory) -> Self:
+        """Shrinks the maps by area averaging to at most `FUSION_WIDTH_PX` wide.
+
+        Args:
+            detections: V detections; those without inverse depth say nothing in 3D.
+            trajectory: Their V poses; the camera is the pinhole of the full-size frames.
+        """
+        factor = min(1.0, FUSION_WIDTH_PX / trajectory.camera.width)
+        camera = trajectory.camera.scaled(factor)
+
+        def shrink(image: FloatMap) -> FloatMap:
+            size = (camera.width, camera.height)
+            return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+        llr = np.stack([shrink(d.llr) for d in detections])
+        unknown = np.full(detections[0].llr.shape, np.nan, np.float32)
+        depth = [unknown if d.inverse_depth is None else d.inverse_depth for d in detections]
+        return cls(
+            trajectory=replace(trajectory, camera=camera),
+            llr=llr,
+            inverse_depth=np.stack([_nearest(d, camera.width, camera.height) for d in depth]),
+            displacement_px=np.stack(
+                [shrink(np.linalg.norm(d.displacement, axis=-1)) for d in detections]
+            ),
+            correlation_px2=correlation_area(llr),
+        )
+
+    def __len__(self) -> int:
+        return len(self.trajectory)
+
+    def rolled(self, shifts_px: Sequence[int]) -> Self:
+        """Every view's maps turned sideways by its own shift, the poses left where they are.
+
+        What the views agreed on is gone, what each of them says alone is kept.
+        """
+
+        def roll(maps: FloatMap) -> FloatMap:
+            return np.stack([np.roll(m, s, axis=1) for m, s in zip(maps, shifts_px, strict=True)])
+
+        return replace(self, llr=roll(self.llr), inverse_depth=roll(self.inverse_depth))
+
+    def unit(self) -> float:
+        """A tenth of the median range to the background, world units: the yardstick of fusion."""
+        finite = self.inverse_depth[self.inverse_depth > 0]
+        return float(RANGE_TO_UNIT / np.median(finite)) if finite.size else np.nan
+
+    def background_in_world(self, step: int = 8) -> FloatArray:
+        """(N, 3) points on the background, one per `step` px along each side."""
+        pixels = self.trajectory.camera.pixel_grid()[::step, ::step].reshape(-1, 2)
+        homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
+        rays = homogeneous @ np.linalg.inv(self.trajectory.camera.matrix).T
+        farthest = 10 * 10 * self.unit()
+        points = []
+        for i in range(len(self)):
+            inverse_depth = self.inverse_depth[i, ::step, ::step].reshape(-1)
+            known = inverse_depth > 1 / farthest
+            in_cam = rays[known] / inverse_depth[known, None]
+            moved = in_cam - self.trajectory.translations[i]
+            points.append(moved @ self.trajectory.rotations[i])
+        return np.concatenate(points)
+
+    def volume(self) -> Box:
+        """The box that holds the cameras and nearly all of the background."""
+        points = self.background_in_world()
+        centers = self.trajectory.centers_in_world
+        low = np.minimum(np.percentile(points, 2, axis=0), centers.min(axis=0))
+        high = np.maximum(np.percentile(points, 98, axis=0), centers.max(axis=0))
+        return Box.around(low, high, longest=VOXELS_ALONG_LONGEST_EDGE)
+
+
+def _nearest(image: FloatMap, width: int, height: int) -> FloatMap:
+    resized = cv2.resize(image, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
+    return np.asarray(resized, np.float32)
+
+
+def correlation_area(llr: FloatMap) -> float:
+    """Area over which (V, H, W) maps are correlated: the integral of their autocorrelation, px^2.
+
+    The few strongest values (a plume, if there is one) are clipped to the 95th percentile, so
+    that they do not pass for noise.
+    """
+    clipped = np.minimum(llr, np.percentile(llr, 95, axis=(1, 2), keepdims=True))
+    centred = clipped - clipped.mean(axis=(1, 2), keepdims=True)
+    variance = float((centred**2).mean())
+    if variance == 0:
+        return 1.0
+    shape = [2 * n for n in llr.shape[1:]]
+    power = (np.abs(np.fft.rfft2(centred, shape)) ** 2).mean(axis=0)
+    correlation = np.fft.irfft2(power, shape) / (variance * llr.shape[1] * llr.shape[2])
+    reach = min(12, *llr.shape[1:])
+    near = np.concatenate([correlation[:reach], correlation[-reach + 1 :]])
+    near = np.concatenate([near[:, :reach], near[:, -reach + 1 :]], axis=1)
+    return float(max(1.0, np.maximum(near, 0).sum()))
