@@ -30,7 +30,7 @@ def lever_gate(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
     background is unknown (NaN) nothing is said.
     """
     ramp = (lever(depth, background_inverse_depth) - LEVER_NONE) / (LEVER_FULL - LEVER_NONE)
-    return np.asarray(np.nan_to_num(np.clip(ramp, 0, 1), nan=0.0), np.float32)
+    return np.asarray(np.fmin(np.fmax(ramp, 0), 1), np.float32)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,11 +25,16 @@ PROFILE_SAMPLES = 81
 SEARCH_RADII = 1.6
 VIEW_SAW_NATS = 0.5
 LEAST_RADIUS_PX = 2.0
+ENDS_FROM_HALVES = np.array([[1.5, -0.5], [-0.5, 1.5]])
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisSightings:
-    """Where each view sees the axis, at two points of it: the middles of its lower and upper half.
+    """Where each view sees the axis, at two points of it: its lowest and its highest.
+
+    Both are drawn through the middles of the lower and the upper half, which are measured: a
+    plume that sways shifts its halves against each other, so their errors are correlated, and
+    only the scatter of the drawn points themselves says how sure a source at the base can be.
 
     Attributes:
         heights: (2,) of the points above the column's lowest point, along world Z.
@@ -54,7 +59,7 @@ def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
     """
     heights = column[HEIGHT] * (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     halves = heights.reshape(2, -1)
-    nodes = halves.mean(axis=1)
+    nodes = np.array([0.0, column[HEIGHT]])
     points = spine(column[None], nodes[None])[0]
     saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
     normal = np.zeros((len(views), 2, 2))
@@ -62,6 +67,7 @@ def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
     for i in np.flatnonzero(saw):
         for node, half in enumerate(halves):
             offset[i, node], normal[i, node] = _match(views, int(i), column, half)
+    offset = offset @ ENDS_FROM_HALVES.T
     projected = np.stack([views.trajectory.project(i, points) for i in range(len(views))])
     return AxisSightings(
         heights=nodes,
@@ -80,7 +86,7 @@ def _match(
     points = spine(column[None], heights[None])[0]
     in_cam = trajectory.world_to_cam(i, points)
     depth = in_cam[:, 2]
-    if (depth < NEAREST_DEPTH_UNITS * views.unit()).any():
+    if (depth < NEAREST_DEPTH_UNITS * views.unit).any():
         return np.nan, np.zeros(2)
     pixel = camera.project(in_cam)
     ahead = camera.project(trajectory.world_to_cam(i, points + 1e-3 * axis_direction(column)))

@@ -63,7 +63,7 @@ def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
     """
     camera = views.trajectory.camera
     focal = camera.focal_px
-    nearest = NEAREST_DEPTH_UNITS * views.unit()
+    nearest = NEAREST_DEPTH_UNITS * views.unit
     height, width = views.llr.shape[1:]
     heights = columns[:, HEIGHT, None] * (np.arange(along) + 0.5) / along
     points = spine(columns, heights)

@@ -51,7 +51,7 @@ class Fused:
 def fuse(views: Views, *, seed: int = 0) -> Fused:
     """Finds the plumes that the summed evidence of all views speaks for."""
     rng = np.random.default_rng(seed)
-    unit, box = views.unit(), views.volume()
+    unit, box = views.unit, views.volume()
     null = NullLevel.from_views(views, box, unit, rng)
     proposals, grid = propose(views, box, unit, most=STARTS)
     columns = fit_columns(views, proposals.columns, unit, rng)

@@ -6,6 +6,7 @@ each such draw is a sample of the largest value in the whole volume, so the leve
 volume, not for a voxel.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -43,19 +44,22 @@ class NullLevel:
     def from_views(cls, views: Views, box: Box, unit: float, rng: np.random.Generator) -> Self:
         """Draws `NULL_DRAWS` volumes from the run's own maps."""
         width = views.llr.shape[2]
-        strongest = np.zeros(NULL_DRAWS)
-        for draw in range(NULL_DRAWS):
+        strongest = []
+        for _ in range(NULL_DRAWS):
             shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
             rolled = views.rolled([round(share * width) for share in shares])
             proposals, _ = propose(rolled, box, unit, most=NULL_STARTS)
-            if len(proposals.columns):
-                best = fit_columns(rolled, proposals.columns, unit, rng)[:1]
-                strongest[draw] = score(rolled, best).sum()
-        mean, deviation = strongest.mean(), strongest.std(ddof=1)
-        scale = max(deviation * np.sqrt(6) / np.pi, SMALLEST_SCALE_NATS)
-        return cls(
-            strongest=strongest, location=float(mean - np.euler_gamma * scale), scale=float(scale)
-        )
+            best = fit_columns(rolled, proposals.columns, unit, rng)[:1]
+            strongest.append(float(score(rolled, best).sum()))
+        return cls.fitted(strongest)
+
+    @classmethod
+    def fitted(cls, strongest: Sequence[float]) -> Self:
+        """The Gumbel distribution with the mean and deviation of the draws."""
+        draws = np.asarray(strongest, dtype=float)
+        scale = max(float(draws.std(ddof=1)) * np.sqrt(6) / np.pi, SMALLEST_SCALE_NATS)
+        location = float(draws.mean() - np.euler_gamma * scale)
+        return cls(strongest=draws, location=location, scale=float(scale))
 
     def false_alarm(self, strength: float) -> float:
         """Probability that a volume without plumes holds a column at least this strong."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import cv2
@@ -26,6 +27,7 @@ class Views:
         llr: (V, H, W) evidence, nats per pixel.
         inverse_depth: (V, H, W) of the background, 1 / world unit; NaN where unknown.
         displacement_px: (V, H, W) length of the displacement, px of the original frames.
+        sigma_px: (V, H, W) its standard deviation, same px; inf where nothing was measured.
         correlation_px2: Area over which the evidence of plume-free pixels is correlated, px of
             these maps squared; so many pixels count as one look.
     """
@@ -34,6 +36,7 @@ class Views:
     llr: FloatMap
     inverse_depth: FloatMap
     displacement_px: FloatMap
+    sigma_px: FloatMap
     correlation_px2: float
 
     @classmethod
@@ -61,6 +64,9 @@ class Views:
             displacement_px=np.stack(
                 [shrink(np.linalg.norm(d.displacement, axis=-1)) for d in detections]
             ),
+            sigma_px=np.stack(
+                [_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
+            ),
             correlation_px2=correlation_area(llr),
         )
 
@@ -78,6 +84,7 @@ class Views:
 
         return replace(self, llr=roll(self.llr), inverse_depth=roll(self.inverse_depth))
 
+    @cached_property
     def unit(self) -> float:
         """A tenth of the median range to the background, world units: the yardstick of fusion."""
         finite = self.inverse_depth[self.inverse_depth > 0]
@@ -88,7 +95,7 @@ class Views:
         pixels = self.trajectory.camera.pixel_grid()[::step, ::step].reshape(-1, 2)
         homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
         rays = homogeneous @ np.linalg.inv(self.trajectory.camera.matrix).T
-        farthest = 10 * 10 * self.unit()
+        farthest = 10 * 10 * self.unit
         points = []
         for i in range(len(self)):
             inverse_depth = self.inverse_depth[i, ::step, ::step].reshape(-1)

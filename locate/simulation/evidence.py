@@ -42,11 +42,13 @@ class Truth:
 
     @property
     def axis(self) -> FloatArray:
+        """(3,) unit vector of the rise."""
         direction = np.array([*self.slope, 1.0])
-        return direction / np.linalg.norm(direction)
+        return np.asarray(direction / np.linalg.norm(direction))
 
 
 def random_truth(rng: np.random.Generator) -> Truth:
+    """A column somewhere near the origin."""
     return Truth(
         source=np.array([*rng.uniform(-1, 1, 2), 0.0]),
         slope=rng.uniform(-0.15, 0.15, 2),
@@ -136,18 +138,18 @@ def corrupted_views(
         llr=llr,
         inverse_depth=np.stack(inverse_depth).astype(np.float32),
         displacement_px=np.maximum(llr, 0),
+        sigma_px=np.full_like(llr, 0.1),
         correlation_px2=correlation_area(llr),
     )
 
 
-def _shaken(
-    trajectory: Trajectory, rng: np.random.Generator, corruption: Corruption
-) -> Trajectory:
+def _shaken(trajectory: Trajectory, rng: np.random.Generator, corruption: Corruption) -> Trajectory:
     n = len(trajectory)
     turn = np.deg2rad(corruption.rotation_sigma_deg)
-    rotations = np.array(
-        [cv2.Rodrigues(rng.normal(0, turn + 1e-12, 3))[0] for _ in range(n)]
-    ) @ trajectory.rotations
+    rotations = (
+        np.array([cv2.Rodrigues(rng.normal(0, turn + 1e-12, 3))[0] for _ in range(n)])
+        @ trajectory.rotations
+    )
     centers = trajectory.centers_in_world + rng.normal(0, corruption.position_sigma_m, (n, 3))
     variances = np.repeat([turn**2, corruption.position_sigma_m**2], 3) + 1e-12
     return replace(

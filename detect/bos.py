@@ -1,0 +1,113 @@
+"""Background-oriented schlieren: flow against a known reference view."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from detect.detection import Detection, Frames
+from detect.evidence import displacement_evidence
+from detect.flow import flow_method
+from detect.warp import blur, gradients, pixel_grid, sample, structure_tensor
+from geometry.arrays import FloatMap, GreyImage
+from geometry.errors import BadInputError
+
+WINDOW_PX = 4.0
+GREY_NOISE_FLOOR = 0.5
+METHOD_FLOOR_PX = 0.01
+LARGEST_SCALE = 3.0
+
+
+class BosDetector:
+    """Refraction by optical flow against a reference without plume.
+
+    The reference is an image given, or the temporal median of a still camera. Small shifts of
+    the whole image (vibration) are taken out by the median flow of each direction, as the plume
+    covers the smaller part of it. Source: the DYBS paper, section II.
+
+    Args:
+        flow: Name of a flow method (`detect.flow.METHODS`) or path of an .onnx flow network.
+        reference: (H, W) uint8, the view without plume; None takes the temporal median.
+        reference_frames: At most so many frames, spread evenly, enter the temporal median.
+    """
+
+    name = "bos"
+
+    def __init__(
+        self,
+        *,
+        flow: str = "horn-schunck",
+        reference: GreyImage | None = None,
+        reference_frames: int = 31,
+    ) -> None:
+        self._flow = flow_method(flow)
+        self._given = reference
+        self._reference_frames = reference_frames
+        self._median: tuple[Sequence[GreyImage], GreyImage] | None = None
+
+    def detect(self, frames: Frames, index: int) -> Detection:
+        """Measures frame `index` against the reference.
+
+        Raises:
+            BadInputError: The reference differs in size, or there is none and fewer than three
+                frames to take it from.
+        """
+        image, reference = frames.images[index], self._reference(frames)
+        if image.shape != reference.shape:
+            raise BadInputError(
+                f"frame {index} is {image.shape}, the reference {reference.shape}: "
+                "they must be of one size"
+            )
+        displacement = self._flow(reference, image)
+        gx, gy = gradients(blur(reference.astype(np.float32), 0.7))
+        texture = blur(gx * gx + gy * gy, WINDOW_PX)
+        displacement = displacement - median_bias(displacement, texture)
+        sigma_px = flow_sigma(reference, image, displacement)
+        llr, sigma_px = displacement_evidence(
+            displacement, sigma_px, texture, np.ones_like(texture), largest_scale=LARGEST_SCALE
+        )
+        return Detection(displacement=displacement, sigma_px=sigma_px, llr=llr)
+
+    def _reference(self, frames: Frames) -> GreyImage:
+        if self._given is not None:
+            return self._given
+        if self._median is None or self._median[0] is not frames.images:
+            self._median = (frames.images, temporal_median(frames.images, self._reference_frames))
+        return self._median[1]
+
+
+def temporal_median(images: Sequence[GreyImage], most: int) -> GreyImage:
+    """(H, W) uint8 median over at most `most` evenly spread frames.
+
+    Raises:
+        BadInputError: Fewer than three frames.
+    """
+    if len(images) < 3:
+        raise BadInputError(
+            f"a temporal reference takes at least 3 frames, got {len(images)}; "
+            "give a reference image"
+        )
+    rows = np.unique(np.linspace(0, len(images) - 1, min(most, len(images))).round().astype(int))
+    return np.median([images[row] for row in rows], axis=0).round().astype(np.uint8)
+
+
+def median_bias(displacement: FloatMap, texture: FloatMap) -> FloatMap:
+    """(2,) px, the median flow of each direction over the better textured half of the image."""
+    textured = texture >= np.median(texture)
+    return np.asarray(np.median(displacement[textured], axis=0))
+
+
+def flow_sigma(reference: GreyImage, image: GreyImage, displacement: FloatMap) -> FloatMap:
+    """(H, W) px, standard deviation of a flow component in a window; inf without texture.
+
+    Source: least squares in a window, sigma^2 = noise^2 trace(M^-1) / 2 with M the sum of the
+    gradients' outer products; the noise is what the flow leaves unexplained round the pixel.
+    """
+    registered = sample(reference, pixel_grid(image.shape) + displacement)
+    leftover = blur((image - registered) ** 2, WINDOW_PX) + GREY_NOISE_FLOOR**2
+    gx, gy = gradients((registered + image) / 2)
+    xx, xy, yy = structure_tensor(gx, gy, WINDOW_PX)
+    pixels_in_window = 4 * np.pi * WINDOW_PX**2
+    determinant = np.maximum(xx * yy - xy * xy, 0)
+    with np.errstate(divide="ignore"):
+        variance = leftover * (xx + yy) / (2 * pixels_in_window * determinant)
+    return np.sqrt(variance + METHOD_FLOOR_PX**2).astype(np.float32)

@@ -1,0 +1,115 @@
+"""Differential optical flow, coarse to fine: Horn-Schunck and Lucas-Kanade."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from detect.warp import blur, gradients, pixel_grid, sample, structure_tensor
+from geometry.arrays import FloatMap, GreyImage
+
+COARSEST_SIDE_PX = 48
+PRESMOOTHING_PX = 0.7
+
+Step = Callable[[FloatMap, FloatMap, FloatMap, FloatMap], FloatMap]
+
+
+def horn_schunck(
+    reference: GreyImage,
+    image: GreyImage,
+    *,
+    smoothness: float = 15.0,
+    iterations: int = 60,
+    warps: int = 4,
+) -> FloatMap:
+    """Global flow with a quadratic smoothness term.
+
+    Source: Horn & Schunck, Determining Optical Flow, Artificial Intelligence 1981, eq. 12
+    (`smoothness` is their alpha, in grey levels per px), inside a coarse-to-fine warping loop.
+
+    Args:
+        reference: (H, W) uint8.
+        image: (H, W) uint8.
+        smoothness: Weight of smoothness against brightness constancy.
+        iterations: Jacobi sweeps per warp.
+        warps: Linearisations per pyramid level.
+
+    Returns:
+        (H, W, 2) w, px: image(p) = reference(p + w(p)).
+    """
+
+    def step(flow: FloatMap, gx: FloatMap, gy: FloatMap, difference: FloatMap) -> FloatMap:
+        constant = difference - gx * flow[..., 0] - gy * flow[..., 1]
+        scale = 1 / (smoothness**2 + gx * gx + gy * gy)
+        for _ in range(iterations):
+            mean = cv2.filter2D(flow, -1, NEIGHBOUR_MEAN, borderType=cv2.BORDER_REPLICATE)
+            residual = (gx * mean[..., 0] + gy * mean[..., 1] + constant) * scale
+            flow = mean - np.stack([gx * residual, gy * residual], axis=-1)
+        return flow
+
+    return _coarse_to_fine(reference, image, step, warps)
+
+
+def lucas_kanade(
+    reference: GreyImage,
+    image: GreyImage,
+    *,
+    window_px: float = 4.0,
+    noise: float = 1.0,
+    warps: int = 5,
+) -> FloatMap:
+    """Dense local flow: least squares in a Gaussian window round every pixel.
+
+    Source: Lucas & Kanade, IJCAI 1981; `noise` (grey levels) damps windows without texture.
+
+    Args:
+        reference: (H, W) uint8.
+        image: (H, W) uint8.
+        window_px: Standard deviation of the window.
+        noise: Damping, as the texture that counts as none.
+        warps: Linearisations per pyramid level.
+
+    Returns:
+        (H, W, 2) w, px: image(p) = reference(p + w(p)).
+    """
+
+    def step(flow: FloatMap, gx: FloatMap, gy: FloatMap, difference: FloatMap) -> FloatMap:
+        return blur(flow, 1.0) + window_shift(gx, gy, difference, window_px, noise)
+
+    return _coarse_to_fine(reference, image, step, warps)
+
+
+def window_shift(
+    gx: FloatMap, gy: FloatMap, difference: FloatMap, window_px: float, noise: float
+) -> FloatMap:
+    """(H, W, 2) the shift s with gx s_x + gy s_y + difference = 0, least squares in a window."""
+    xx, xy, yy = structure_tensor(gx, gy, window_px)
+    xx, yy = xx + noise**2, yy + noise**2
+    tx, ty = blur(gx * difference, window_px), blur(gy * difference, window_px)
+    determinant = xx * yy - xy * xy
+    shift = np.stack([xy * ty - yy * tx, xy * tx - xx * ty], axis=-1)
+    return np.asarray(shift / determinant[..., None])
+
+
+NEIGHBOUR_MEAN = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], dtype=np.float32) / 12
+
+
+def _coarse_to_fine(reference: GreyImage, image: GreyImage, step: Step, warps: int) -> FloatMap:
+    pairs = [(_smooth(reference), _smooth(image))]
+    while min(pairs[-1][0].shape) > 2 * COARSEST_SIDE_PX:
+        pairs.append((cv2.pyrDown(pairs[-1][0]), cv2.pyrDown(pairs[-1][1])))
+    flow = np.zeros((*pairs[-1][0].shape, 2), dtype=np.float32)
+    for source, target in reversed(pairs):
+        height, width = target.shape
+        growth = (width / flow.shape[1], height / flow.shape[0])
+        flow = cv2.resize(flow, (width, height)) * np.float32(growth)
+        grid = pixel_grid(target.shape)
+        for _ in range(warps):
+            warped = sample(source, grid + flow)
+            gx, gy = gradients((warped + target) / 2)
+            flow = step(flow, gx, gy, warped - target)
+    return flow
+
+
+def _smooth(image: GreyImage) -> FloatMap:
+    return blur(image.astype(np.float32), PRESMOOTHING_PX)

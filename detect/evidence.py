@@ -1,0 +1,96 @@
+"""From a displacement and its sigma to a log-likelihood ratio, by hand.
+
+Every step is a function of its own, so that a learned score can stand in for any of them.
+"""
+
+import numpy as np
+
+from detect.warp import blur
+from geometry.arrays import BoolArray, FloatMap
+
+LLR_MIN, LLR_MAX = -1.5, 4.0
+POOLED_MOST = 6.0
+POOL_PX = 4.0
+POOL_LONELY = 0.05
+AMPLITUDES_PX = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+NULL_FREEDOM = 3.0
+TEXTURE_CLASSES = 5
+TEXTURE_HALF = 1.5
+NULL_QUANTILE = 0.3
+RAYLEIGH_AT_QUANTILE = float(np.sqrt(-2 * np.log(1 - NULL_QUANTILE)))
+SMALLEST_CLASS = 200
+
+
+def displacement_evidence(
+    displacement: FloatMap,
+    sigma_px: FloatMap,
+    texture: FloatMap,
+    trust: FloatMap,
+    *,
+    largest_scale: float = np.inf,
+) -> tuple[FloatMap, FloatMap]:
+    """Evidence of refraction at every pixel, and a sigma that fits the frame's own scatter.
+
+    Args:
+        displacement: (H, W, 2) w, px.
+        sigma_px: (H, W) its standard deviation as first estimated; inf where unmeasured.
+        texture: (H, W) mean squared gradient, (grey levels per px) squared.
+        trust: (H, W) from 0 (says nothing) to 1.
+        largest_scale: Up to what factor the frame's scatter may widen sigma.
+
+    Returns:
+        (H, W) llr in nats, from -1.5 to 4, 0 where nothing can be said; (H, W) sigma_px.
+    """
+    size = np.hypot(displacement[..., 0], displacement[..., 1])
+    measured = np.isfinite(sigma_px) & (trust > 0)
+    scale = null_scale(size, sigma_px, texture, measured)
+    sigma_px = sigma_px * np.minimum(scale, largest_scale)
+    llr = log_likelihood_ratio(size, np.where(measured, sigma_px, 1.0).astype(np.float32))
+    trust = np.where(measured, trust, 0).astype(np.float32)
+    llr = pooled(np.clip(llr, LLR_MIN, POOLED_MOST), trust)
+    llr = llr * texture / (texture + TEXTURE_HALF) * trust
+    llr = np.where(measured, np.clip(llr, LLR_MIN, LLR_MAX), 0)
+    return llr.astype(np.float32), sigma_px.astype(np.float32)
+
+
+def null_scale(
+    size_px: FloatMap, sigma_px: FloatMap, texture: FloatMap, measured: BoolArray
+) -> FloatMap:
+    """By what to multiply sigma so that the calmer pixels scatter as it says.
+
+    Plumes cover the smaller part of a frame, so its lower quantiles hold none: an empirical null
+    (Efron, JASA 2004), per class of texture. Never below one half.
+    """
+    scale = np.ones_like(sigma_px)
+    if measured.sum() < SMALLEST_CLASS:
+        return scale
+    edges = np.quantile(texture[measured], np.linspace(0, 1, TEXTURE_CLASSES + 1)[1:-1])
+    classes = np.digitize(texture, edges)
+    for k in range(TEXTURE_CLASSES):
+        members = classes == k
+        sample = members & measured
+        if sample.sum() >= SMALLEST_CLASS:
+            quantile = float(np.quantile(size_px[sample] / sigma_px[sample], NULL_QUANTILE))
+            scale[members] = max(quantile / RAYLEIGH_AT_QUANTILE, 0.5)
+    return scale
+
+
+def pooled(llr: FloatMap, trust: FloatMap) -> FloatMap:
+    """The trusted mean round every pixel: plumes are wide, errors at edges are thin."""
+    shared = blur((llr * trust).astype(np.float32), POOL_PX)
+    return np.asarray(shared / (blur(trust, POOL_PX) + POOL_LONELY))
+
+
+def log_likelihood_ratio(size_px: FloatMap, sigma_px: FloatMap) -> FloatMap:
+    """Refraction of unknown strength against a heavy-tailed null, unclipped, nats.
+
+    Refraction: w normal with variance a^2 + sigma^2 per component, a log-uniform. None: a
+    bivariate Student t with 3 degrees of freedom, for flow errors have tails.
+    """
+    square, variance = size_px**2, sigma_px**2
+    wide = [variance + amplitude**2 for amplitude in AMPLITUDES_PX]
+    densities = [np.exp(-square / (2 * v)) / v for v in wide]
+    refraction = np.mean(densities, axis=0) / (2 * np.pi)
+    tail = (1 + square / (NULL_FREEDOM * variance)) ** (-NULL_FREEDOM / 2 - 1)
+    none = tail / (2 * np.pi * variance)
+    return np.asarray(np.log(refraction + 1e-30) - np.log(none + 1e-30), dtype=np.float32)

@@ -1,0 +1,117 @@
+"""The detector for a moving camera in a textured, static scene."""
+
+import numpy as np
+
+from detect.detection import Detection, Frames
+from detect.evidence import displacement_evidence
+from detect.registered.measure import Measurement, Neighbour, Registration
+from detect.registered.neighbours import choose_neighbours, typical_inverse_depth
+from geometry.arrays import FloatArray, FloatMap
+from geometry.epipolar import Epipolar
+from geometry.errors import BadInputError
+from geometry.trajectory import Trajectory
+
+ENOUGH_VISIBLE = 4.0
+KNOWN_TEXTURE = 1.0
+EDGE_HALF_PX = 3.0
+EDGE_SHARE = 0.1
+EDGE_MOST_PX = 8.0
+MODEL_FLOOR_PX = 0.06
+MEASURED_TEXTURE = 0.3
+KEY_NOISE = 1.0
+
+
+class RegisteredDetector:
+    """Refraction in a frame by flow against neighbours with known poses.
+
+    The flow towards neighbour k is ``a_k rho + w - w_k``: least squares over neighbours on both
+    sides of the frame separate the inverse depth rho from the displacement w, twice: on optical
+    flow, then on the residual of the neighbours registered by the first answer.
+
+    Args:
+        neighbours: How many other frames to look at; more see more and take longer.
+        points_in_world: (N, 3) sparse points of the scene, if known; they say how deep it is.
+            Otherwise the flow says so.
+    """
+
+    name = "registered"
+
+    def __init__(self, *, neighbours: int = 8, points_in_world: FloatArray | None = None) -> None:
+        self._count = neighbours
+        self._points_in_world = points_in_world
+
+    def detect(self, frames: Frames, index: int) -> Detection:
+        """Measures frame `index`; w is zero-mean up to a quadratic in the image position.
+
+        Raises:
+            BadInputError: The frames have no poses, poses and frames differ in number, or no
+                other frame shows parallax.
+        """
+        trajectory = frames.trajectory
+        if trajectory is None:
+            raise BadInputError("the registered detector takes camera poses; use bos without")
+        if len(trajectory) != len(frames):
+            raise BadInputError(f"{len(frames)} frames but {len(trajectory)} poses: give one each")
+        inverse_depth = self._typical_inverse_depth(frames, trajectory, index)
+        rows = choose_neighbours(trajectory, index, inverse_depth, self._count)
+        if len(rows) < 2:
+            raise BadInputError(
+                f"frame {index} has {len(rows)} neighbours that show its scene with parallax, "
+                "at least 2 are needed; use bos for a still camera"
+            )
+        neighbours = [
+            Neighbour(
+                image=frames.images[row],
+                view=Epipolar.between(trajectory, index, row).rescaled(inverse_depth),
+            )
+            for row in rows
+        ]
+        return judged(Registration(frames.images[index], neighbours).measure(), inverse_depth)
+
+    def _typical_inverse_depth(self, frames: Frames, trajectory: Trajectory, index: int) -> float:
+        if self._points_in_world is None:
+            return typical_inverse_depth(frames, trajectory, index)
+        points = trajectory.world_to_cam(index, self._points_in_world)
+        pixels = trajectory.camera.project(points)
+        size = (trajectory.camera.width, trajectory.camera.height)
+        seen = ((pixels >= 0) & (pixels < size)).all(axis=-1)
+        if not seen.any():
+            return typical_inverse_depth(frames, trajectory, index)
+        return float(1 / np.median(points[seen, 2]))
+
+
+def judged(measurement: Measurement, inverse_depth_unit: float) -> Detection:
+    """The detection a measurement supports; the unit is 1 / world unit."""
+    sigma_px = displacement_sigma(measurement)
+    llr, sigma_px = displacement_evidence(
+        measurement.displacement, sigma_px, measurement.texture, trust(measurement)
+    )
+    known = measurement.texture > KNOWN_TEXTURE
+    inverse_depth = np.where(known, measurement.relative_inverse_depth, np.nan)
+    return Detection(
+        displacement=measurement.displacement.astype(np.float32),
+        sigma_px=sigma_px,
+        llr=llr,
+        inverse_depth=(inverse_depth * inverse_depth_unit).astype(np.float32),
+    )
+
+
+def displacement_sigma(measurement: Measurement) -> FloatMap:
+    """(H, W) px: the neighbours' scatter, the key frame's noise, depth edges, and a floor.
+
+    What is common to all neighbours their scatter does not show: the key frame's own noise, and
+    what interpolation and small depth steps leave behind (the floor, set on simulated scenes).
+    """
+    from_scatter = measurement.scatter_px**2 * measurement.variance_factor
+    from_key_noise = KEY_NOISE**2 / (50 * (measurement.texture + 0.1))
+    from_edges = (EDGE_SHARE * np.minimum(measurement.depth_edge_px, EDGE_MOST_PX)) ** 2
+    sigma_px = np.sqrt(from_scatter + from_key_noise + from_edges + MODEL_FLOOR_PX**2)
+    unseen = (measurement.texture < MEASURED_TEXTURE) | (measurement.visible < 1)
+    return np.where(unseen, np.inf, sigma_px).astype(np.float32)
+
+
+def trust(measurement: Measurement) -> FloatMap:
+    """(H, W) from 0 to 1: low where few neighbours see a pixel and at depth edges."""
+    seen = np.clip(measurement.visible / ENOUGH_VISIBLE, 0, 1) ** 2
+    calm = 1 / (1 + (measurement.depth_edge_px / EDGE_HALF_PX) ** 2)
+    return np.asarray(seen * calm, dtype=np.float32)

@@ -1,0 +1,121 @@
+"""Which other frames tell refraction from parallax in this one."""
+
+import cv2
+import numpy as np
+
+from detect.detection import Frames
+from detect.flow import dis_matcher
+from detect.warp import pixel_grid
+from geometry.arrays import FloatArray, FloatMap
+from geometry.epipolar import Epipolar
+from geometry.trajectory import Trajectory
+
+WANTED_PARALLAX = (0.03, 0.045, 0.06, 0.09)
+SHRINK = 4
+ENOUGH_PARALLAX = 0.01
+MIN_OVERLAP = 0.5
+
+
+def choose_neighbours(
+    trajectory: Trajectory, index: int, inverse_depth: float, count: int
+) -> list[int]:
+    """Frames on both sides of the path whose parallax fits, nearest first.
+
+    Args:
+        trajectory: The poses.
+        index: Row of the frame in question.
+        inverse_depth: What is typical of its scene, 1 / world unit.
+        count: How many neighbours; fewer where the path is short.
+
+    Returns:
+        Rows of the trajectory, by parallax; half before and half after `index` where both exist.
+    """
+    parallax = parallaxes(trajectory, index, inverse_depth)
+    rows = np.arange(len(trajectory))
+    before, after = rows[:index][::-1], rows[index + 1 :]
+    half = count // 2
+    chosen = _fitting(before, parallax, half) + _fitting(after, parallax, half)
+    return sorted(chosen, key=lambda row: float(parallax[row]))
+
+
+def _fitting(rows: np.ndarray, parallax: FloatArray, count: int) -> list[int]:
+    """The rows nearest to the wanted parallaxes, each once; those that overlap too little never."""
+    free = [int(row) for row in rows if np.isfinite(parallax[row]) and parallax[row] > 0]
+    wanted = np.interp(
+        np.linspace(0, 1, count), np.linspace(0, 1, len(WANTED_PARALLAX)), WANTED_PARALLAX
+    )
+    chosen: list[int] = []
+    for goal in wanted:
+        if free:
+            best = min(free, key=lambda row: abs(float(np.log(parallax[row] / goal))))
+            free.remove(best)
+            chosen.append(best)
+    return chosen
+
+
+def parallaxes(trajectory: Trajectory, index: int, inverse_depth: float) -> FloatArray:
+    """(N,) parallax of every frame against `index`, as a share of the image width.
+
+    NaN where less than half of the image is shared.
+    """
+    camera = trajectory.camera
+    size = np.array([camera.width, camera.height])
+    pixels = (pixel_grid((6, 8)) + 0.5) * (size / [8, 6]).astype(np.float32)
+    shares = np.full(len(trajectory), np.nan)
+    for row in range(len(trajectory)):
+        view = Epipolar.between(trajectory, index, row)
+        target = pixels + view.flow(pixels, inverse_depth)
+        inside = ((target >= 0) & (target < size)).all(axis=-1)
+        if inside.mean() >= MIN_OVERLAP:
+            parallax = view.parallax_px(pixels, inverse_depth)
+            shares[row] = float(np.median(parallax)) / camera.width
+    return shares
+
+
+def typical_inverse_depth(frames: Frames, trajectory: Trajectory, index: int) -> float:
+    """The median inverse depth of a frame, from the flow towards one other frame.
+
+    Steps away from `index` until the flow, its rotation taken out, is large enough to measure.
+
+    Returns:
+        1 / world unit; NaN where no frame shows parallax.
+    """
+    best, best_share = float("nan"), 0.0
+    for offset in _growing_offsets(len(frames)):
+        for row in (index + offset, index - offset):
+            if not 0 <= row < len(frames):
+                continue
+            inverse_depth, share = _from_pair(frames, trajectory, index, row)
+            if inverse_depth > 0 and share > best_share:
+                best, best_share = inverse_depth, share
+        if best_share > ENOUGH_PARALLAX:
+            break
+    return best
+
+
+def _growing_offsets(count: int) -> list[int]:
+    return [2**power for power in range(count.bit_length()) if 2**power < count]
+
+
+def _from_pair(frames: Frames, trajectory: Trajectory, index: int, row: int) -> tuple[float, float]:
+    """Median inverse depth by one pair, and its parallax as a share of the image width."""
+    image, other = _small(frames.images[index]), _small(frames.images[row])
+    pixels = pixel_grid(image.shape) * SHRINK + (SHRINK - 1) / 2
+    view = Epipolar.between(trajectory, index, row)
+    at_infinity, slope = view.flow_and_slope(pixels, 0.0)
+    start = (at_infinity / SHRINK).astype(np.float32)
+    flow = dis_matcher(refinements=0).calc(image, other, start) * SHRINK - at_infinity
+    steepness = (slope**2).sum(axis=-1)
+    inverse_depth = (flow * slope).sum(axis=-1) / np.maximum(steepness, 1e-12)
+    textured = cv2.Laplacian(image, cv2.CV_32F) ** 2 > 4
+    if textured.sum() < 100 or not steepness.any():
+        return float("nan"), 0.0
+    median = float(np.median(inverse_depth[textured]))
+    parallax = view.parallax_px(pixels, max(median, 0.0))
+    return median, float(np.median(parallax)) / trajectory.camera.width
+
+
+def _small(image: np.ndarray) -> FloatMap:
+    return np.asarray(
+        cv2.resize(image, None, fx=1 / SHRINK, fy=1 / SHRINK, interpolation=cv2.INTER_AREA)
+    )

@@ -1,0 +1,117 @@
+"""Poses that know which image they belong to, and the search for a recording's frames in them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from geometry.arrays import FloatArray, IntArray
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from geometry.trajectory import Trajectory
+
+MAX_TIME_GAP_S = 0.02
+MAX_ASPECT_ERROR = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedPoses:
+    """Poses as a file gives them.
+
+    Attributes:
+        trajectory: Its `indices` merely count the poses unless `has_indices`, its `times_s` too
+            unless `has_times`.
+        names: Image name of each pose; empty strings where the file has none.
+        has_times: The file gives stamps.
+        has_indices: The file gives frame indices.
+    """
+
+    trajectory: Trajectory
+    names: tuple[str, ...]
+    has_times: bool = False
+    has_indices: bool = False
+
+    def match_to_frames(
+        self,
+        sources: Sequence[str],
+        indices: IntArray,
+        times_s: FloatArray,
+        *,
+        size: tuple[int, int] | None = None,
+    ) -> tuple[Trajectory, IntArray]:
+        """The poses of a recording's frames.
+
+        By name where the file has names that fit, else by frame index (numbers in the names count
+        as such), else by time, to within 20 ms or half the spacing of the frames.
+
+        Args:
+            sources: File name of each of the N frames.
+            indices: (N,) their indices in the recording.
+            times_s: (N,) their times.
+            size: Width and height of the images in use; the camera is resized to it.
+
+        Returns:
+            The trajectory of the frames that have a pose, with the recording's indices and times,
+            and (M,) the rows of those frames.
+
+        Raises:
+            BadInputError: Fewer than two frames have a pose, or the camera has another aspect.
+        """
+        pose_of = self._by_name(sources) or self._by_index(indices) or self._by_time(times_s)
+        if len(pose_of) < 2:
+            raise BadInputError(
+                f"{len(pose_of)} of {len(indices)} frames have a pose in the file; "
+                "image names, frame indices or time stamps must fit the recording"
+            )
+        rows = np.array(sorted(pose_of), dtype=np.int64)
+        taken = self.trajectory.take([pose_of[int(row)] for row in rows])
+        camera = taken.camera if size is None else resized(taken.camera, *size)
+        matched = replace(taken, camera=camera, indices=indices[rows], times_s=times_s[rows])
+        return matched, rows
+
+    def _by_name(self, sources: Sequence[str]) -> dict[int, int]:
+        by_name = {Path(name).name: i for i, name in enumerate(self.names) if name}
+        by_stem = {Path(name).stem: i for i, name in enumerate(self.names) if name}
+        found = {
+            row: by_name.get(Path(source).name, by_stem.get(Path(source).stem))
+            for row, source in enumerate(sources)
+        }
+        matched = {row: pose for row, pose in found.items() if pose is not None}
+        return matched if len(set(matched.values())) == len(matched) else {}
+
+    def _by_index(self, indices: IntArray) -> dict[int, int]:
+        known = self.trajectory.indices if self.has_indices else _numbers(self.names)
+        pose_of = {int(index): i for i, index in enumerate(known)}
+        return {r: pose_of[int(i)] for r, i in enumerate(indices) if int(i) in pose_of}
+
+    def _by_time(self, times_s: FloatArray) -> dict[int, int]:
+        if not self.has_times or len(self.trajectory) == 0:
+            return {}
+        known = self.trajectory.times_s
+        spacing_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else np.inf
+        nearest = np.abs(known[None, :] - times_s[:, None]).argmin(axis=1)
+        close = np.abs(known[nearest] - times_s) <= min(MAX_TIME_GAP_S, spacing_s / 2)
+        return {int(row): int(nearest[row]) for row in np.flatnonzero(close)}
+
+
+def resized(camera: Camera, width: int, height: int) -> Camera:
+    """The camera for images resized to `width` x `height`.
+
+    Raises:
+        BadInputError: The aspect is another.
+    """
+    if (camera.width, camera.height) == (width, height):
+        return camera
+    if abs(width / camera.width * camera.height / height - 1) > MAX_ASPECT_ERROR:
+        raise BadInputError(
+            f"the camera is for {camera.width}x{camera.height} images, these are {width}x{height}"
+        )
+    model = camera.to_colmap()
+    model.rescale(width, height)
+    return Camera.from_colmap(model)
+
+
+def _numbers(names: Sequence[str]) -> list[int]:
+    stems = [Path(name).stem for name in names]
+    return [int(stem) for stem in stems] if all(stem.isdigit() for stem in stems) else []

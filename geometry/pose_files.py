@@ -1,0 +1,234 @@
+"""Camera poses from and to the files that other tools use.
+
+TUM (``stamp tx ty tz qx qy qz qw`` of world_from_cam), COLMAP models, and transforms.json of
+nerfstudio and instant-ngp, whose cameras look along -z with y up (OpenGL) and whose principal
+point counts from the image corner.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from geometry.arrays import FloatArray
+from geometry.camera import HALF_PIXEL, Camera
+from geometry.errors import BadInputError
+from geometry.named_poses import NamedPoses, resized
+from geometry.trajectory import Trajectory
+
+OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
+DISTORTION = {"OPENCV": ("k1", "k2", "p1", "p2"), "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4")}
+
+
+def read_named_poses(path: Path, camera: Camera | None = None) -> NamedPoses:
+    """Reads poses from a file or folder; the kind is told from its content.
+
+    Args:
+        path: TUM (.txt), a COLMAP model folder, transforms.json, trajectory.json or truth.json.
+        camera: For TUM, which has none; elsewhere it replaces the file's own.
+
+    Raises:
+        BadInputError: Nothing there that is a list of poses, or a camera is missing.
+    """
+    if not path.exists():
+        raise BadInputError(f"{path}: no such file or folder")
+    if path.is_dir():
+        return _read_colmap(path, camera)
+    if path.suffix.lower() != ".json":
+        return _read_tum(path, camera)
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{path}: not a readable pose file ({error})") from error
+    if isinstance(content, dict) and "schema" not in content:
+        return _read_transforms(path, content, camera)
+    found = Trajectory.load(path)
+    if camera is not None:
+        found = replace(found, camera=camera)
+    return NamedPoses(
+        trajectory=found, names=("",) * len(found), has_times=True, has_indices=True
+    )
+
+
+def read_poses(path: Path, camera: Camera | None = None) -> Trajectory:
+    """The poses of `read_named_poses` without their names."""
+    return read_named_poses(path, camera).trajectory
+
+
+def write_tum(trajectory: Trajectory, path: Path) -> None:
+    """Writes a TUM trajectory; the camera and the covariances have no place in it."""
+    quaternions = _world_from_cam(trajectory).as_quat()
+    rows = np.column_stack([trajectory.times_s, trajectory.centers_in_world, quaternions])
+    np.savetxt(path, rows, fmt="%.17g", header="timestamp tx ty tz qx qy qz qw")
+
+
+def write_colmap_model(
+    trajectory: Trajectory,
+    points_in_world: ArrayLike,
+    folder: Path,
+    names: Sequence[str] | None = None,
+) -> None:
+    """Writes a binary COLMAP model; its points have no tracks.
+
+    Args:
+        points_in_world: (M, 3).
+        folder: Made where it is missing.
+        names: Image names; ``{index:06d}.png`` by default.
+    """
+    model = pycolmap.Reconstruction()
+    camera = trajectory.camera.to_colmap(camera_id=1)
+    model.add_camera_with_trivial_rig(camera)
+    for i, name in enumerate(names or default_names(trajectory)):
+        pose = pycolmap.Rigid3d(
+            pycolmap.Rotation3d(trajectory.rotations[i]), trajectory.translations[i]
+        )
+        image = pycolmap.Image(name=name, camera_id=1, image_id=i + 1)
+        model.add_image_with_trivial_frame(image, pose)
+    for point in np.asarray(points_in_world, dtype=float).reshape(-1, 3):
+        model.add_point3D(point, pycolmap.Track())
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write(folder)
+
+
+def write_transforms_json(
+    trajectory: Trajectory, path: Path, names: Sequence[str] | None = None
+) -> None:
+    """Writes a transforms.json.
+
+    Raises:
+        BadInputError: The camera model has no counterpart there.
+    """
+    rotations = np.swapaxes(trajectory.rotations, 1, 2) @ OPENCV_FROM_OPENGL
+    matrices = np.tile(np.eye(4), (len(trajectory), 1, 1))
+    matrices[:, :3, :3] = rotations
+    matrices[:, :3, 3] = trajectory.centers_in_world
+    named = zip(names or default_names(trajectory), matrices, strict=True)
+    frames = [{"file_path": name, "transform_matrix": m.tolist()} for name, m in named]
+    path.write_text(json.dumps({**_camera_block(trajectory.camera), "frames": frames}, indent=1))
+
+
+def default_names(trajectory: Trajectory) -> list[str]:
+    """``{index:06d}.png`` of every frame."""
+    return [f"{index:06d}.png" for index in trajectory.indices]
+
+
+def _world_from_cam(trajectory: Trajectory) -> Rotation:
+    return Rotation.from_matrix(trajectory.rotations).inv()
+
+
+def _counted(camera: Camera, rotations: FloatArray, translations: FloatArray) -> Trajectory:
+    count = np.arange(len(rotations))
+    return Trajectory(
+        camera=camera,
+        indices=count,
+        times_s=count.astype(float),
+        rotations=rotations,
+        translations=translations,
+    )
+
+
+def _read_tum(path: Path, camera: Camera | None) -> NamedPoses:
+    if camera is None:
+        raise BadInputError(f"{path}: a TUM trajectory has no camera; give one with --camera")
+    try:
+        rows = np.loadtxt(path, dtype=float, ndmin=2)
+        rotation = Rotation.from_quat(rows[:, 4:8]).inv()
+    except (OSError, ValueError, IndexError) as error:
+        raise BadInputError(f"{path}: not a readable TUM trajectory ({error})") from error
+    if rows.shape[1] != 8 or not np.isfinite(rows).all():
+        raise BadInputError(f"{path}: a TUM line has 8 numbers, stamp tx ty tz qx qy qz qw")
+    order = np.argsort(rows[:, 0], kind="stable")
+    found = _counted(camera, rotation.as_matrix()[order], -rotation.apply(rows[:, 1:4])[order])
+    stamped = replace(found, times_s=rows[order, 0])
+    return NamedPoses(trajectory=stamped, names=("",) * len(rows), has_times=True)
+
+
+def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
+    try:
+        model = pycolmap.Reconstruction(folder)
+    except (ValueError, RuntimeError) as error:
+        raise BadInputError(f"{folder}: not a readable COLMAP model") from error
+    images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda image: image.name)
+    cameras = {image.camera_id for image in images}
+    if camera is None and len(cameras) != 1:
+        raise BadInputError(f"{folder}: {len(cameras)} cameras; expected the images of one camera")
+    poses = [image.cam_from_world() for image in images]
+    own = camera or Camera.from_colmap(model.camera(cameras.pop()))
+    rotations = np.array([pose.rotation.matrix() for pose in poses]).reshape(-1, 3, 3)
+    translations = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+    names = tuple(image.name for image in images)
+    return NamedPoses(trajectory=_counted(own, rotations, translations), names=names)
+
+
+def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None) -> NamedPoses:
+    try:
+        frames = sorted(content["frames"], key=lambda frame: str(frame["file_path"]))
+        matrices = np.array([frame["transform_matrix"] for frame in frames], dtype=float)
+        names = tuple(str(frame["file_path"]) for frame in frames)
+        own = camera or _camera_from_block(content)
+        rotations = OPENCV_FROM_OPENGL @ np.swapaxes(matrices[:, :3, :3], 1, 2)
+        translations = -np.einsum("nij,nj->ni", rotations, matrices[:, :3, 3])
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise BadInputError(f"{path}: not a readable transforms.json ({error!r})") from error
+    return NamedPoses(trajectory=_counted(own, rotations, translations), names=names)
+
+
+def _camera_from_block(content: dict[str, Any]) -> Camera:
+    width, height = int(content["w"]), int(content["h"])
+    if "fl_x" in content:
+        focal_x = float(content["fl_x"])
+    else:
+        focal_x = width / 2 / np.tan(float(content["camera_angle_x"]) / 2)
+    params = [
+        focal_x,
+        float(content.get("fl_y", focal_x)),
+        float(content.get("cx", width / 2)) - HALF_PIXEL,
+        float(content.get("cy", height / 2)) - HALF_PIXEL,
+    ]
+    model = str(content.get("camera_model", "OPENCV"))
+    distortion = [float(content.get(key, 0.0)) for key in DISTORTION.get(model, ())]
+    if model != "OPENCV_FISHEYE" and not any(distortion):
+        model, distortion = "PINHOLE", []
+    return Camera(model=model, width=width, height=height, params=(*params, *distortion))
+
+
+def _camera_block(camera: Camera) -> dict[str, Any]:
+    simple = {"SIMPLE_PINHOLE": (0, 0, 1, 2), "PINHOLE": (0, 1, 2, 3)}
+    if camera.model in ("SIMPLE_RADIAL", "RADIAL"):
+        focal, cx, cy, *radial = camera.params
+        params = (focal, focal, cx, cy, *radial, 0.0, 0.0, 0.0)[:8]
+    elif camera.model in simple:
+        params = (*(camera.params[i] for i in simple[camera.model]), 0.0, 0.0, 0.0, 0.0)
+    elif camera.model in DISTORTION:
+        params = camera.params
+    else:
+        raise BadInputError(f"transforms.json has no camera model like {camera.model}")
+    model = camera.model if camera.model in DISTORTION else "OPENCV"
+    block = {
+        "camera_model": model,
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": params[0],
+        "fl_y": params[1],
+        "cx": params[2] + HALF_PIXEL,
+        "cy": params[3] + HALF_PIXEL,
+    }
+    return block | dict(zip(DISTORTION[model], params[4:], strict=True))
+
+
+__all__ = [
+    "NamedPoses",
+    "default_names",
+    "read_named_poses",
+    "read_poses",
+    "resized",
+    "write_colmap_model",
+    "write_transforms_json",
+    "write_tum",
+]

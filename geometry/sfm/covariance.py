@@ -1,0 +1,184 @@
+"""Covariance of every camera pose from the bundle adjustment, in gtsam's tangent.
+
+A reconstruction from images alone is free to move, turn and grow as a whole, so a pose covariance
+exists only relative to something. Here that is the trajectory itself: the covariance of what
+remains after the best similarity transform of all cameras (inner constraints, an S-transformation:
+Baarda 1973; Triggs et al., Bundle Adjustment, 2000, section 9). No camera is special and none is
+left out.
+"""
+
+import numpy as np
+import pycolmap
+
+from geometry.arrays import FloatArray, IntArray
+
+ROTATION_INFLATION = 3.0
+TRANSLATION_INFLATION = 1.0
+_MAD_TO_SIGMA = 1.4826
+
+
+def pose_covariances(
+    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
+) -> FloatArray | None:
+    """Covariances of the poses, scaled by the observed reprojection error and inflated.
+
+    The formal covariance takes features for independent; tracks share their localisation errors,
+    so rotation sigmas come out about `ROTATION_INFLATION` times too small (measured against ground
+    truth; see benchmarks/sfm_real.py).
+
+    Args:
+        model: An adjusted reconstruction.
+        image_ids: The N images asked for, all registered.
+        refined_camera: The intrinsics were estimated too, and share the uncertainty.
+
+    Returns:
+        (N, 6, 6) of world_from_cam, [rotation (rad), translation (model units)], right tangent;
+        None where the problem is too weak for a covariance.
+    """
+    joint = formal_covariance(model, image_ids, refined_camera=refined_camera)
+    if joint is None:
+        return None
+    n = len(image_ids)
+    factors = np.repeat([ROTATION_INFLATION, TRANSLATION_INFLATION], 3)
+    blocks = joint.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
+    return np.asarray(blocks * residual_sigma_px(model) ** 2 * np.outer(factors, factors))
+
+
+def formal_covariance(
+    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
+) -> FloatArray | None:
+    """(6N, 6N) joint covariance for unit pixel noise, gauge freedom removed, gtsam's tangent."""
+    gauge_fixed = _gauge_fixed_covariance(model, image_ids, refined_camera=refined_camera)
+    if gauge_fixed is None or not np.isfinite(gauge_fixed).all():
+        return None
+    poses = [model.image(i).cam_from_world() for i in image_ids]
+    translations = np.array([pose.translation for pose in poses])
+    rotations = np.array([pose.rotation.matrix() for pose in poses])
+    to_gtsam = _block_diagonal(gtsam_from_colmap_tangent(translations))
+    projector = gauge_projector(rotations, translations) @ to_gtsam
+    return np.asarray(projector @ gauge_fixed @ projector.T)
+
+
+def gtsam_from_colmap_tangent(translations: FloatArray) -> FloatArray:
+    """(N, 6, 6) Jacobians ``[[2 I, 0], [2 [t]x, I]]``.
+
+    COLMAP perturbs cam_from_world by half angles and adds to its translation; gtsam perturbs
+    world_from_cam on the right. The common sign is left out.
+
+    Args:
+        translations: (N, 3) cam_from_world.
+    """
+    jacobians = np.tile(np.eye(6), (len(translations), 1, 1))
+    jacobians[:, :3, :3] *= 2
+    jacobians[:, 3:, :3] = 2 * skew(translations)
+    return jacobians
+
+
+def gauge_projector(rotations: FloatArray, translations: FloatArray) -> FloatArray:
+    """(6N, 6N) takes the best similarity transform of all cameras out of pose errors.
+
+    Rotations count with the spread of the cameras as their lever, so that the answer does not
+    depend on the unit of length.
+
+    Args:
+        rotations: (N, 3, 3) cam_from_world.
+        translations: (N, 3) cam_from_world.
+    """
+    n = len(rotations)
+    centers = -np.einsum("nji,nj->ni", rotations, translations)
+    centers = centers - centers.mean(axis=0)
+    moves = np.zeros((n, 6, 7))
+    moves[:, :3, :3] = rotations
+    moves[:, 3:, :3] = -rotations @ skew(centers)
+    moves[:, 3:, 3:6] = rotations
+    moves[:, 3:, 6] = np.einsum("nij,nj->ni", rotations, centers)
+    gauge = moves.reshape(6 * n, 7)
+    lever = float(np.sqrt((centers**2).sum(axis=1).mean()))
+    weights = np.tile(np.repeat([lever**2, 1.0], 3), n)
+    weighted = gauge * weights[:, None]
+    return np.asarray(np.eye(6 * n) - gauge @ np.linalg.solve(gauge.T @ weighted, weighted.T))
+
+
+def skew(vectors: FloatArray) -> FloatArray:
+    """(N, 3, 3) cross-product matrices of (N, 3) vectors."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+
+
+def residual_sigma_px(model: pycolmap.Reconstruction) -> float:
+    """Robust standard deviation of one coordinate of the reprojection error, px."""
+    residuals = []
+    for image_id in model.reg_image_ids():
+        image = model.image(image_id)
+        seen = [point for point in image.points2D if point.has_point3D()]
+        points = np.array([model.point3D(p.point3D_id).xyz for p in seen]).reshape(-1, 3)
+        pose = image.cam_from_world()
+        in_cam = points @ pose.rotation.matrix().T + pose.translation
+        camera = model.camera(image.camera_id)
+        measured = np.array([point.xy for point in seen]).reshape(-1, 2)
+        residuals.append(np.asarray(camera.img_from_cam(in_cam)) - measured)
+    stacked = np.concatenate(residuals)
+    unknowns = 6 * model.num_reg_images() + 3 * model.num_points3D()
+    lost = np.sqrt(stacked.size / max(stacked.size - unknowns, 1))
+    return float(_MAD_TO_SIGMA * np.median(np.abs(stacked)) * lost)
+
+
+def _gauge_fixed_covariance(
+    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
+) -> FloatArray | None:
+    """(6N, 6N) in COLMAP's tangent, zero where the gauge holds two cameras."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = refined_camera
+    options.refine_extra_params = refined_camera
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
+    wanted = pycolmap.BACovarianceOptions()
+    wanted.params = pycolmap.BACovarianceOptionsParams.POSES
+    estimate = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
+    if estimate is None:
+        return None
+    blocks = {i: estimate.get_cam_cov_from_world(i) for i in image_ids}
+    free = _free_rows(model, blocks)
+    n = len(image_ids)
+    joint = np.zeros((6 * n, 6 * n))
+    for a, first in enumerate(image_ids):
+        for b, second in enumerate(image_ids[: a + 1]):
+            rows, columns = 6 * a + free[first], 6 * b + free[second]
+            if len(rows) and len(columns):
+                cross = estimate.get_cam_cross_cov_from_world(first, second)
+                block = blocks[first] if a == b else cross
+                joint[np.ix_(rows, columns)] = block
+                joint[np.ix_(columns, rows)] = np.transpose(block)
+    return joint
+
+
+def _free_rows(
+    model: pycolmap.Reconstruction, blocks: dict[int, FloatArray | None]
+) -> dict[int, IntArray]:
+    """The tangent directions of each camera that the gauge leaves free.
+
+    COLMAP holds the whole pose of one camera, and of a second one the component of its translation
+    along which cam1_from_cam2 is longest.
+    """
+    held = next(i for i, block in blocks.items() if block is None)
+    free = {i: np.arange(6) for i in blocks}
+    free[held] = np.arange(0)
+    for image_id, block in blocks.items():
+        if block is not None and len(block) == 5:
+            held_from_world = model.image(held).cam_from_world()
+            held_from_cam = held_from_world * model.image(image_id).cam_from_world().inverse()
+            longest = int(np.argmax(np.abs(held_from_cam.translation)))
+            free[image_id] = np.delete(np.arange(6), 3 + longest)
+    return free
+
+
+def _block_diagonal(blocks: FloatArray) -> FloatArray:
+    n = len(blocks)
+    joint = np.zeros((n, 6, n, 6))
+    joint[np.arange(n), :, np.arange(n), :] = blocks
+    return joint.reshape(6 * n, 6 * n)

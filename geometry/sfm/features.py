@@ -1,0 +1,135 @@
+"""SIFT features and verified matches in a COLMAP database."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from geometry.arrays import FloatArray
+from geometry.camera import Camera
+
+MAX_FEATURES = 1500
+FIRST_OCTAVE = 0
+DEFAULT_FOCAL_FACTOR = 1.2
+EXHAUSTIVE_UP_TO = 60
+SEED = 0
+THREADS = 1
+CHUNK = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchedPair:
+    """The verified matches of two images.
+
+    Attributes:
+        first: Row of the first image.
+        second: Row of the second image.
+        pixels: (M, 2, 2) matched positions in COLMAP's px: match, image, (x, y).
+    """
+
+    first: int
+    second: int
+    pixels: FloatArray
+
+    @property
+    def displacement_px(self) -> float:
+        """Median distance between matched positions, px."""
+        return float(np.median(np.linalg.norm(self.pixels[:, 1] - self.pixels[:, 0], axis=1)))
+
+
+def extract(
+    database: Path,
+    image_dir: Path,
+    names: Sequence[str],
+    camera: pycolmap.Camera,
+    on_share: Callable[[float], None],
+) -> list[int]:
+    """Finds features in every image; all images share `camera`.
+
+    Args:
+        on_share: Called with the share of the images done.
+
+    Returns:
+        The number of features of each image.
+    """
+    database.unlink(missing_ok=True)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = camera.model_name
+    reader.camera_params = ", ".join(repr(float(value)) for value in camera.params)
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = THREADS
+    options.sift.max_num_features = MAX_FEATURES
+    options.sift.first_octave = FIRST_OCTAVE
+    for start in range(0, len(names), CHUNK):
+        pycolmap.extract_features(
+            database,
+            image_dir,
+            image_names=list(names[start : start + CHUNK]),
+            camera_mode=pycolmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=options,
+        )
+        reader.existing_camera_id = 1
+        on_share(min(1.0, (start + CHUNK) / len(names)))
+    with pycolmap.Database.open(database) as db:
+        stored = db.read_all_cameras()[0]
+        stored.has_prior_focal_length = camera.has_prior_focal_length
+        db.update_camera(stored)
+        return [db.num_keypoints_for_image(i) for i in image_ids(db, names)]
+
+
+def match(database: Path, *, sequential: bool) -> None:
+    """Matches neighbours at steps of 1 to 10 and powers of two, or every pair."""
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = THREADS
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = SEED
+    if not sequential:
+        pycolmap.match_exhaustive(database, matching, verification_options=verification)
+        return
+    pairing = pycolmap.SequentialPairingOptions()
+    pairing.overlap = 10
+    pairing.quadratic_overlap = True
+    pairing.num_threads = THREADS
+    pycolmap.match_sequential(database, matching, pairing, verification_options=verification)
+
+
+def image_ids(db: pycolmap.Database, names: Sequence[str]) -> list[int]:
+    """COLMAP's id of each image, in the order of `names`."""
+    ids = {image.name: image.image_id for image in db.read_all_images()}
+    return [ids[name] for name in names]
+
+
+def read_pairs(database: Path, names: Sequence[str]) -> list[MatchedPair]:
+    """Every pair with verified matches."""
+    pairs = []
+    with pycolmap.Database.open(database) as db:
+        row_of = {image_id: row for row, image_id in enumerate(image_ids(db, names))}
+        keypoints = {i: np.asarray(db.read_keypoints(i), dtype=float)[:, :2] for i in row_of}
+        pair_ids, geometries = db.read_two_view_geometries()
+        for pair_id, geometry in zip(pair_ids, geometries, strict=True):
+            matches = np.asarray(geometry.inlier_matches, dtype=np.int64)
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            if len(matches) == 0:
+                continue
+            pixels = np.stack(
+                [keypoints[first][matches[:, 0]], keypoints[second][matches[:, 1]]], axis=1
+            )
+            pairs.append(MatchedPair(first=row_of[first], second=row_of[second], pixels=pixels))
+    return pairs
+
+
+def starting_camera(
+    width: int, height: int, camera: Camera | None, focal_prior_px: float | None
+) -> pycolmap.Camera:
+    """The camera to start from: given, from a focal prior, or a guess of the field of view."""
+    if camera is not None:
+        known = camera.to_colmap()
+        known.has_prior_focal_length = True
+        return known
+    focal_px = focal_prior_px or DEFAULT_FOCAL_FACTOR * max(width, height)
+    guess = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", focal_px, width, height)
+    guess.has_prior_focal_length = focal_prior_px is not None
+    return guess

@@ -1,0 +1,89 @@
+"""Camera poses from verified matches: global mapping, incremental mapping, final adjustment."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pycolmap
+
+from geometry.sfm.covariance import residual_sigma_px
+from geometry.sfm.features import SEED, THREADS
+
+MIN_MODEL_IMAGES = 3
+TRACKS_PER_VIEW = 200
+
+
+def map_globally(
+    database: Path, image_dir: Path, output: Path, *, refine_camera: bool
+) -> list[pycolmap.Reconstruction]:
+    """All poses at once (GLOMAP: Pan et al., ECCV 2024); the largest model first."""
+    options = pycolmap.GlobalPipelineOptions()
+    options.num_threads = THREADS
+    options.random_seed = SEED
+    options.mapper.ba_num_iterations = 1
+    options.mapper.track_required_tracks_per_view = TRACKS_PER_VIEW
+    options.mapper.global_positioning.use_gpu = False
+    adjustment = options.mapper.bundle_adjustment
+    adjustment.ceres.use_gpu = False
+    adjustment.refine_focal_length = refine_camera
+    adjustment.refine_extra_params = refine_camera
+    output.mkdir(parents=True, exist_ok=True)
+    return _by_size(pycolmap.global_mapping(database, image_dir, output, options))
+
+
+def map_incrementally(
+    database: Path,
+    image_dir: Path,
+    output: Path,
+    *,
+    refine_camera: bool,
+    names: Sequence[str] = (),
+    on_image: Callable[[], None] | None = None,
+) -> list[pycolmap.Reconstruction]:
+    """One image after the other (Schönberger and Frahm, CVPR 2016); the largest model first.
+
+    Args:
+        names: Use these images only; all where empty.
+        on_image: Called after each image that was added.
+    """
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = THREADS
+    options.random_seed = SEED
+    options.extract_colors = False
+    options.min_model_size = MIN_MODEL_IMAGES
+    options.image_names = list(names)
+    options.ba_refine_focal_length = refine_camera
+    options.ba_refine_extra_params = refine_camera
+    options.mapper.abs_pose_refine_focal_length = refine_camera
+    options.mapper.abs_pose_refine_extra_params = refine_camera
+    output.mkdir(parents=True, exist_ok=True)
+    models = pycolmap.incremental_mapping(
+        database, image_dir, output, options, next_image_callback=on_image
+    )
+    return _by_size(models)
+
+
+def adjust(model: pycolmap.Reconstruction, *, refine_camera: bool) -> None:
+    """The last bundle adjustment, in place.
+
+    The robust loss has the scale of the residuals themselves: most features are good to a fifth of
+    a pixel, and those a moving plume carries off are not.
+    """
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = refine_camera
+    options.refine_extra_params = refine_camera
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = residual_sigma_px(model)
+    options.ceres.solver_options.num_threads = THREADS
+    options.ceres.solver_options.max_num_iterations = 50
+    options.ceres.solver_options.function_tolerance = 1e-6
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
+    model.update_point_3d_errors()
+
+
+def _by_size(models: dict[int, pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    return sorted(models.values(), key=lambda model: -model.num_reg_images())

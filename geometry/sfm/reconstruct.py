@@ -1,0 +1,264 @@
+"""Frames to poses: match, map, ask for a second opinion, adjust, check, put into a scene frame."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+
+from geometry.arrays import FloatArray, IntArray
+from geometry.camera import Camera
+from geometry.errors import BadInputError, RegistrationFailure
+from geometry.sfm import checks, features, mapping, result, summary
+from geometry.sfm.covariance import pose_covariances
+from geometry.sfm.gauge import normalising_transform
+
+Progress = Callable[[str, float], None]
+
+pycolmap.logging.minloglevel = 3  # every failure is reported through an exception instead
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    image_dir: Path
+    names: list[str]
+    workdir: Path
+    database: Path
+    pairs: list[features.MatchedPair]
+    refine: bool
+    progress: Progress
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Solution:
+    model: pycolmap.Reconstruction
+    method: str
+    opinion: checks.Disagreement
+
+
+def reconstruct(
+    image_dir: Path,
+    names: Sequence[str],
+    indices: IntArray,
+    times_s: FloatArray,
+    *,
+    camera: Camera | None = None,
+    focal_prior_px: float | None = None,
+    workdir: Path,
+    ordered: bool = True,
+    progress: Progress | None = None,
+) -> result.Reconstruction:
+    """Estimates the pose of every frame, the camera, and a sparse set of points.
+
+    The world is a scene frame: Z up as a guess, 10 units from the cameras to what they look at.
+
+    Args:
+        image_dir: Folder of the images.
+        names: N file names in it, in order of time where `ordered`.
+        indices: (N,) index of each in its recording.
+        times_s: (N,) time of each.
+        camera: A known camera, kept as it is.
+        focal_prior_px: Focal length from metadata, refined and checked; ignored with `camera`.
+        workdir: Where the database and the COLMAP model (``model/``) go.
+        ordered: Frames of a video. Photos are matched with one another instead.
+        progress: Called with a stage name and a fraction from 0 to 1.
+
+    Raises:
+        BadInputError: An image cannot be read or does not fit the camera.
+        RegistrationError: The frames cannot be registered; the cause is named.
+    """
+    tell = progress or (lambda _stage, _fraction: None)
+    names = list(names)
+    if len(names) < checks.MIN_FRAMES:
+        raise checks.fail(RegistrationFailure.TOO_FEW_FRAMES, f"{len(names)} frames")
+    start = features.starting_camera(*_image_size(image_dir / names[0]), camera, focal_prior_px)
+    if camera is not None and (start.width, start.height) != _image_size(image_dir / names[0]):
+        raise BadInputError(
+            f"the camera is for {camera.width}x{camera.height} images, "
+            f"{names[0]} is {_image_size(image_dir / names[0])}"
+        )
+    workdir.mkdir(parents=True, exist_ok=True)
+    database = workdir / "database.db"
+    counts = features.extract(
+        database, image_dir, names, start, lambda share: tell("finding features", share)
+    )
+    checks.check_features(counts)
+    tell("matching features", 0.0)
+    features.match(database, sequential=ordered or len(names) > features.EXHAUSTIVE_UP_TO)
+    tell("matching features", 1.0)
+    pairs = features.read_pairs(database, names)
+    checks.check_matches(pairs, Camera.from_colmap(start), len(names))
+    job = _Job(
+        image_dir=image_dir,
+        names=names,
+        workdir=workdir,
+        database=database,
+        pairs=pairs,
+        refine=camera is None,
+        progress=tell,
+    )
+    solution = _solve(job)
+    tell("adjusting", 0.0)
+    mapping.adjust(solution.model, refine_camera=job.refine)
+    finished = _finish(job, solution, indices, times_s, ordered, focal_prior_px)
+    tell("adjusting", 1.0)
+    return finished
+
+
+def _image_size(path: Path) -> tuple[int, int]:
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise BadInputError(f"{path}: not a readable image")
+    return image.shape[1], image.shape[0]
+
+
+def _solve(job: _Job) -> _Solution:
+    """Global mapping where a second opinion supports it, incremental mapping where not."""
+    job.progress("mapping", 0.0)
+    models = mapping.map_globally(
+        job.database, job.image_dir, job.workdir / "global", refine_camera=job.refine
+    )
+    job.progress("mapping", 0.4)
+    subset, complete = _second_opinion(job)
+    job.progress("mapping", 0.5)
+    reasons = []
+    if models and subset and _share(models[0], job) >= checks.MIN_SHARE:
+        opinion = _compare(models[0], subset[0])
+        if opinion.tolerable and _support(models[0], job) >= checks.MIN_SUPPORT:
+            return _Solution(model=models[0], method="global", opinion=opinion)
+        reasons.append(f"global and subset differ by {opinion.center_share:.0%} of the path")
+    full = subset if complete else _incremental(job, job.names)
+    if full and _share(full[0], job) >= checks.MIN_SHARE:
+        witness = models if complete else subset
+        support = _support(full[0], job)
+        opinion = _compare(full[0], witness[0]) if witness else checks.NO_OPINION
+        if support >= checks.MIN_SUPPORT and (opinion.tolerable or complete):
+            return _Solution(model=full[0], method="incremental", opinion=opinion)
+        reasons.append(f"incremental and {'global' if complete else 'subset'} differ too")
+    raise _no_model(job, full or models, reasons)
+
+
+def _second_opinion(job: _Job) -> tuple[list[pycolmap.Reconstruction], bool]:
+    """Incremental mapping of a spread subset; True where it had to be all images."""
+    count = len(job.names)
+    stride = 2 ** max(0, int(np.log2(count / checks.OPINION_FRAMES)))
+    while stride > 1:
+        subset = job.names[::stride]
+        models = _incremental(job, subset)
+        if models and models[0].num_reg_images() >= checks.MIN_SHARE * len(subset):
+            return models, False
+        stride //= 2
+    return _incremental(job, job.names), True
+
+
+def _incremental(job: _Job, names: list[str]) -> list[pycolmap.Reconstruction]:
+    done = 0
+
+    def on_image() -> None:
+        nonlocal done
+        done += 1
+        job.progress("mapping", 0.5 + 0.5 * min(1.0, done / len(names)))
+
+    return mapping.map_incrementally(
+        job.database,
+        job.image_dir,
+        job.workdir / "incremental",
+        refine_camera=job.refine,
+        names=names,
+        on_image=on_image if len(names) == len(job.names) else None,
+    )
+
+
+def _share(model: pycolmap.Reconstruction, job: _Job) -> float:
+    return float(model.num_reg_images() / len(job.names))
+
+
+def _support(model: pycolmap.Reconstruction, job: _Job) -> float:
+    row_of = {name: row for row, name in enumerate(job.names)}
+    poses = {row_of[i.name]: i.cam_from_world() for i in summary.registered_images(model)}
+    return checks.epipolar_support(job.pairs, next(iter(model.cameras.values())), poses)
+
+
+def _compare(a: pycolmap.Reconstruction, b: pycolmap.Reconstruction) -> checks.Disagreement:
+    poses_a, poses_b = summary.poses_by_name(a), summary.poses_by_name(b)
+    common = sorted(poses_a.keys() & poses_b.keys())
+    if not common:
+        return checks.NO_OPINION
+    return checks.compare(
+        np.array([poses_a[name][0] for name in common]),
+        np.array([poses_a[name][1] for name in common]),
+        np.array([poses_b[name][0] for name in common]),
+        np.array([poses_b[name][1] for name in common]),
+    )
+
+
+def _no_model(
+    job: _Job, models: list[pycolmap.Reconstruction], reasons: list[str]
+) -> checks.RegistrationError:
+    count = len(job.names)
+    connected, parts = checks.largest_component(job.pairs, count)
+    if reasons:
+        return checks.fail(RegistrationFailure.IMPLAUSIBLE_POSES, ", ".join(reasons))
+    registered = models[0].num_reg_images() if models else 0
+    what = f"{registered} of {count} frames registered"
+    if parts > 1 or len(models) > 1:
+        return checks.fail(RegistrationFailure.SPLIT_MODELS, f"{what}, in {max(parts, len(models))} parts")
+    if connected < checks.MIN_SHARE * count or models:
+        return checks.fail(RegistrationFailure.LOW_TEXTURE, what)
+    return checks.fail(RegistrationFailure.PURE_ROTATION, f"{what}, no depth to be seen")
+
+
+def _finish(
+    job: _Job,
+    solution: _Solution,
+    indices: IntArray,
+    times_s: FloatArray,
+    ordered: bool,
+    focal_prior_px: float | None,
+) -> result.Reconstruction:
+    model = solution.model
+    camera = next(iter(model.cameras.values()))
+    side = max(camera.width, camera.height)
+    if job.refine:
+        checks.check_focal(camera.mean_focal_length(), focal_prior_px, side)
+    rows, ids = summary.rows_and_ids(model, job.names)
+    raw = summary.trajectory(model, ids, indices[rows], times_s[rows])
+    points, _, _ = summary.points(model, ids)
+    distance = summary.view_distance(model, ids)
+    scene_from_model, up_source = normalising_transform(raw, points, distance)
+    model.transform(
+        pycolmap.Sim3d(
+            scene_from_model.scale,
+            pycolmap.Rotation3d(scene_from_model.rotation),
+            scene_from_model.translation,
+        )
+    )
+    covariances = pose_covariances(model, ids, refined_camera=job.refine)
+    points, errors_px, visible = summary.points(model, ids)
+    trajectory = summary.trajectory(model, ids, indices[rows], times_s[rows], covariances)
+    report = summary.report(model, trajectory, visible)
+    report |= {
+        "method": solution.method,
+        "registered_share": len(ids) / len(job.names),
+        "registered_frames": len(ids),
+        "second_opinion_center_share": solution.opinion.center_share,
+        "second_opinion_rotation_deg": solution.opinion.rotation_deg,
+        "second_opinion_frames": solution.opinion.count,
+        "epipolar_support": _support(model, job),
+        "focal_prior_px": focal_prior_px,
+        "up_from": up_source,
+    }
+    checks.check_quality(report, ordered=ordered)
+    folder = job.workdir / "model"
+    folder.mkdir(exist_ok=True)
+    model.write(folder)
+    return result.Reconstruction(
+        trajectory=trajectory,
+        names=tuple(job.names[row] for row in rows),
+        points_in_world=points,
+        point_errors_px=errors_px,
+        visible=visible,
+        report=report,
+    )

@@ -1,0 +1,72 @@
+"""What structure from motion hands on, and its files."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from geometry.arrays import FloatArray, IntArray
+from geometry.errors import BadInputError
+from geometry.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reconstruction:
+    """Registered frames and the sparse points they see, in a normalised scene frame.
+
+    Attributes:
+        trajectory: The F registered frames; `indices` says which of the frames given they are.
+        names: F image names, in the order of the trajectory.
+        points_in_world: (M, 3) sparse points, scene units.
+        point_errors_px: (M,) mean reprojection error of each point.
+        visible: F arrays of rows of `points_in_world`, the points each frame sees.
+        report: Plain numbers and strings for people: see `reconstruct`.
+    """
+
+    trajectory: Trajectory
+    names: tuple[str, ...]
+    points_in_world: FloatArray
+    point_errors_px: FloatArray
+    visible: tuple[IntArray, ...]
+    report: dict[str, Any]
+
+    def save(self, folder: Path) -> None:
+        """Writes trajectory.json, points.npz and report.json."""
+        folder.mkdir(parents=True, exist_ok=True)
+        self.trajectory.save(folder / "trajectory.json")
+        with (folder / "points.npz").open("wb") as file:
+            np.savez_compressed(
+                file,
+                allow_pickle=False,
+                points_in_world=self.points_in_world,
+                point_errors_px=self.point_errors_px,
+                visible=np.concatenate([np.zeros(0, dtype=np.int64), *self.visible]),
+                visible_counts=np.array([len(rows) for rows in self.visible], dtype=np.int64),
+            )
+        report = {"names": list(self.names), "report": self.report}
+        (folder / "report.json").write_text(json.dumps(report, indent=1))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Reads what `save` wrote.
+
+        Raises:
+            BadInputError: A file is missing or damaged.
+        """
+        trajectory = Trajectory.load(folder / "trajectory.json")
+        try:
+            content = json.loads((folder / "report.json").read_text())
+            with np.load(folder / "points.npz", allow_pickle=False) as file:
+                ends = np.cumsum(file["visible_counts"])[:-1]
+                return cls(
+                    trajectory=trajectory,
+                    names=tuple(content["names"]),
+                    points_in_world=file["points_in_world"],
+                    point_errors_px=file["point_errors_px"],
+                    visible=tuple(np.split(file["visible"], ends)),
+                    report=content["report"],
+                )
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise BadInputError(f"{folder}: not a readable reconstruction ({error})") from error

@@ -1,0 +1,42 @@
+"""What a run can be told."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+DetectorName = Literal["auto", "registered", "bos"]
+
+
+class RunConfig(BaseModel):
+    """The settings of a run, kept beside its results in config.yaml.
+
+    Attributes:
+        recording: A video file or a folder of photos.
+        detector: How refraction is seen; ``auto`` looks at the motion.
+        poses: Known camera poses (TUM, COLMAP, transforms.json, trajectory.json); no structure
+            from motion then.
+        camera: A JSON file with a ``camera`` block as in trajectory.json.
+        focal_px: Focal length in px of the recording's own size.
+        max_frames: The most frames that are used.
+        max_side: Frames larger than this (px) are shrunk to it.
+        detection_frames: In how many of them refraction is measured.
+        seed: Of every random choice.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    recording: Path
+    detector: DetectorName = "auto"
+    poses: Path | None = None
+    camera: Path | None = None
+    focal_px: float | None = Field(default=None, gt=0)
+    max_frames: int = Field(default=120, ge=2)
+    max_side: int = Field(default=1280, ge=64)
+    detection_frames: int = Field(default=16, ge=1)
+    seed: int = 0
+
+    def to_plain(self) -> dict[str, Any]:
+        """The settings as JSON and YAML know them."""
+        plain: dict[str, Any] = self.model_dump(mode="json")
+        return plain

@@ -1,0 +1,93 @@
+"""The stage that decides: evidence of all frames in, the map out."""
+
+from pathlib import Path
+
+import numpy as np
+
+from geometry.grid import EvidenceGrid
+from geometry.refraction import temperature_rise_k
+from geometry.trajectory import Trajectory
+from locate import __version__
+from locate.fusion.bearings import find_bearings
+from locate.fusion.fuse import fuse
+from locate.fusion.limit import RADIUS_UNITS, detection_limit_px
+from locate.fusion.views import RANGE_TO_UNIT, Views
+from locate.observe import Recorded, load_detections
+from locate.plume import PlumeMap
+
+ONE_VIEWPOINT = (
+    "The camera stood still: one viewpoint gives directions to plumes, not positions. "
+    "Move the camera around the scene for a 3D map."
+)
+PLUME_RANGE_SHARE = 0.7
+FREE_SCALE = "The scale is free: lengths are in scene units, not metres."
+GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
+
+
+def decide(detections: Path, recorded: Recorded, evidence: Path, *, seed: int) -> PlumeMap:
+    """Fuses the detections; writes the summed evidence where there is any.
+
+    Args:
+        detections: The folder that `observe` wrote.
+        recorded: The frames.
+        evidence: The .npz to write; a still camera has none.
+        seed: Of every random choice.
+    """
+    detector, indices, found = load_detections(detections)
+    trajectory = recorded.undistorted_trajectory()
+    if trajectory is None:
+        bearings, _ = find_bearings(found, recorded.camera.undistorted(), seed=seed)
+        return PlumeMap(
+            units="scene",
+            gravity=False,
+            detector=detector,
+            version=__version__,
+            bearings=bearings,
+            notes=(ONE_VIEWPOINT,),
+        )
+    views = Views.from_detections(found, trajectory.take(recorded.rows(indices)))
+    fused = fuse(views, seed=seed)
+    save_grid(fused.grid, evidence)
+    limit_px = detection_limit_px(views, fused.threshold_nats, views.unit, seed=seed)
+    notes = []
+    if not trajectory.metric:
+        notes.append(FREE_SCALE)
+    if not trajectory.gravity:
+        notes.append(GUESSED_UP)
+    return PlumeMap(
+        units="m" if trajectory.metric else "scene",
+        gravity=trajectory.gravity,
+        detector=detector,
+        version=__version__,
+        plumes=fused.plumes,
+        detection_limit_px=limit_px,
+        detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
+        notes=tuple(notes),
+    )
+
+
+def _limit_k(limit_px: float | None, views: Views, trajectory: Trajectory) -> float | None:
+    """The limit as the temperature rise of a usual plume before the median background."""
+    if limit_px is None:
+        return None
+    range_m = views.unit / RANGE_TO_UNIT
+    return temperature_rise_k(
+        limit_px,
+        radius_m=RADIUS_UNITS * views.unit,
+        range_to_plume_m=PLUME_RANGE_SHARE * range_m,
+        range_to_background_m=range_m,
+        focal_px=trajectory.camera.focal_px,
+    )
+
+
+def save_grid(grid: EvidenceGrid, path: Path) -> None:
+    """Writes evidence.npz: summed llr and weight (Z, Y, X), the lowest corner, the voxel's edge."""
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            llr=grid.llr.astype(np.float16),
+            weight=grid.weight.astype(np.float16),
+            low_in_world=grid.box.low_in_world,
+            voxel=grid.box.voxel,
+        )

@@ -1,0 +1,93 @@
+"""What a simulated scene says of itself."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from pydantic import BaseModel, FiniteFloat, ValidationError
+
+from geometry.arrays import BoolArray, FloatArray, FloatMap
+from geometry.errors import BadInputError
+from geometry.trajectory import Trajectory
+
+_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _PlumeBlock(BaseModel):
+    source: _Vector
+    axis: _Vector
+    gas: str
+    amplitude_px: FiniteFloat
+
+
+class _TruthBlock(BaseModel):
+    plumes: list[_PlumeBlock]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthFrame:
+    """Ground truth of one frame: (H, W, 2) px and (H, W) bool."""
+
+    displacement: FloatMap
+    mask: BoolArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """Ground truth of a scene.
+
+    Attributes:
+        folder: Where it lies: truth.json, and truth/000000.npz and so on.
+        trajectory: The true cameras.
+        sources: (P, 3) of the plumes, in the true world.
+        axes: (P, 3) unit vectors of their rise.
+        gases: P names.
+    """
+
+    folder: Path
+    trajectory: Trajectory
+    sources: FloatArray
+    axes: FloatArray
+    gases: tuple[str, ...]
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Reads truth.json of a folder made by ``locate simulate``.
+
+        Raises:
+            BadInputError: The file is missing or is not the truth of a scene.
+        """
+        path = folder / "truth.json"
+        trajectory = Trajectory.load(path)
+        try:
+            plumes = _TruthBlock.model_validate_json(path.read_bytes()).plumes
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise BadInputError(f"{path}: {where}: {first['msg']}") from error
+        axes = np.reshape([plume.axis for plume in plumes], (-1, 3)).astype(float)
+        return cls(
+            folder=folder,
+            trajectory=trajectory,
+            sources=np.reshape([plume.source for plume in plumes], (-1, 3)).astype(float),
+            axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+            gases=tuple(plume.gas for plume in plumes),
+        )
+
+    @cached_property
+    def ranges(self) -> FloatArray:
+        """(P,) median distance from the cameras to each source."""
+        rays = self.sources[:, None] - self.trajectory.centers_in_world
+        return np.asarray(np.median(np.linalg.norm(rays, axis=-1), axis=1))
+
+    def frame(self, index: int) -> TruthFrame | None:
+        """The truth of a frame; None where none was written."""
+        path = self.folder / "truth" / f"{index:06d}.npz"
+        if not path.is_file():
+            return None
+        with np.load(path, allow_pickle=False) as file:
+            return TruthFrame(
+                displacement=file["displacement"].astype(np.float32), mask=file["mask"] > 0
+            )

@@ -1,0 +1,63 @@
+"""Frames with the evidence laid over them, as data URIs."""
+
+from base64 import b64encode
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.arrays import FloatMap, GreyImage
+
+MAX_WIDTH = 640
+FULL_ALPHA = 0.8
+
+
+def fitted_size(image: GreyImage) -> tuple[int, int]:
+    """(width, height) of a picture of `image` that is no wider than MAX_WIDTH."""
+    height, width = image.shape
+    shown = min(width, MAX_WIDTH)
+    return shown, round(height * shown / width)
+
+
+def frame_uri(image: GreyImage) -> str:
+    """A small JPEG of a grey frame."""
+    small = cv2.resize(image, fitted_size(image), interpolation=cv2.INTER_AREA)
+    return _uri("jpeg", np.asarray(small, dtype=np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 80])
+
+
+def evidence_uri(llr: FloatMap, size: tuple[int, int], full_scale_nats: float) -> str:
+    """A WebP of the positive evidence: transparent at 0 nats, hot at `full_scale_nats`."""
+    resized = cv2.resize(np.asarray(llr, dtype=np.float32), size, interpolation=cv2.INTER_AREA)
+    strength = np.clip(resized / full_scale_nats, 0.0, 1.0)
+    picture = _heat(strength)
+    picture[..., 3] = (255 * FULL_ALPHA * np.minimum(1.0, 1.6 * strength)).astype(np.uint8)
+    return _uri("webp", picture, [cv2.IMWRITE_WEBP_QUALITY, 70])
+
+
+def heat_stops(count: int = 8) -> list[str]:
+    """CSS colours from no evidence to full scale."""
+    strength = np.linspace(0, 1, count, dtype=np.float32)[None]
+    rows = _heat(strength)[0, :, :3]
+    return [f"rgb({red},{green},{blue})" for blue, green, red in rows.tolist()]
+
+
+def full_scale_nats(maps: list[FloatMap]) -> float:
+    """A round upper end for the colour scale of all frames together."""
+    if not maps:
+        return 1.0
+    top = max(float(np.percentile(llr, 99.8)) for llr in maps)
+    return float(np.clip(np.ceil(2 * top) / 2, 1.0, 20.0))
+
+
+def _heat(strength: FloatMap) -> NDArray[np.uint8]:
+    """(H, W, 4) BGRA of (H, W) values in 0 to 1; the dark end of the map is left out."""
+    level = (80 + 170 * strength).astype(np.uint8)
+    bgr = cv2.applyColorMap(level, cv2.COLORMAP_INFERNO)
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA), dtype=np.uint8)
+
+
+def _uri(kind: str, picture: NDArray[np.uint8], options: list[int]) -> str:
+    done, encoded = cv2.imencode(f".{'jpg' if kind == 'jpeg' else kind}", picture, options)
+    if not done:
+        raise RuntimeError(f"OpenCV could not encode a {kind} picture")
+    return f"data:image/{kind};base64,{b64encode(encoded.tobytes()).decode()}"

@@ -1,0 +1,79 @@
+"""What the report says in words."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from geometry.trajectory import Trajectory
+from locate.export.table import probability
+from locate.plume import PlumeMap
+
+
+def headline(plume_map: PlumeMap) -> str:
+    """The answer in three words."""
+    found = len(plume_map.plumes)
+    if plume_map.bearings:
+        found, what = len(plume_map.bearings), "direction to a plume"
+        return f"{found} {what}" if found == 1 else f"{found} directions to plumes"
+    return ("No plume found", "One plume found")[found] if found < 2 else f"{found} plumes found"
+
+
+def lead(plume_map: PlumeMap) -> str:
+    """The answer in one sentence."""
+    if plume_map.plumes:
+        best = plume_map.plumes[0]
+        sigma, unit = best.principal_sigmas[0], plume_map.unit_name
+        decimals = max(0, -int(np.floor(np.log10(max(sigma, 1e-6)))))
+        place = ", ".join(f"{value:.{decimals}f}" for value in best.source)
+        subject = "It rises" if len(plume_map.plumes) == 1 else "The strongest rises"
+        return (
+            f"{subject} from {place} {unit}, give or take {sigma:.{decimals}f} {unit} (1 sigma in "
+            f"the least certain direction), with probability {probability(best.probability)}."
+        )
+    if plume_map.bearings:
+        return "The camera stood still: one viewpoint gives directions, not positions."
+    return plume_map.limit_text()
+
+
+def facts(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[tuple[str, str]]:
+    """Short facts for the head of the page."""
+    if trajectory is not None:
+        yield "Frames with a pose", f"{len(trajectory)}"
+        arc = np.linalg.norm(np.diff(trajectory.centers_in_world, axis=0), axis=1).sum()
+        yield "Camera path", f"{arc:.3g} {plume_map.unit_name}"
+    limit = plume_map.detection_limit_px
+    yield "Detection limit", "not known" if limit is None else f"{limit:.2g} px"
+    yield "Detector", plume_map.detector
+    if trajectory is not None:
+        yield "Units", "metres" if plume_map.units == "m" else "scene units"
+
+
+def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
+    """What the answer does not say, in plain words."""
+    yield plume_map.limit_text()
+    if trajectory is None:
+        yield "The camera stood still: one viewpoint gives directions, not positions."
+        return
+    if plume_map.units == "scene":
+        yield (
+            "The scale is unknown: lengths are in scene units, not metres. A known distance, "
+            "GPS or metric poses would fix it."
+        )
+    if not plume_map.gravity:
+        yield "Which way is up is a guess from the pictures; nothing measured gravity."
+    if plume_map.georeference is None:
+        yield "The map is not tied to the Earth: x, y, z are local."
+    for plume in plume_map.plumes:
+        if plume.source_hidden:
+            yield f"The source of plume {plume.id} is hidden from the camera."
+        if plume.extent_low > 0:
+            yield (
+                f"Plume {plume.id} was seen from {plume.extent_low:.2f} {plume_map.unit_name} "
+                "above its source upwards; below that its axis is extended, not observed."
+            )
+        if len(plume.views) == 1:
+            yield f"Plume {plume.id} was seen by one frame only: its distance is weak."
+    yield (
+        "A covariance covers noise in the pictures and poses, as far as the model goes; "
+        "it does not cover wind that bends the plume or a source that moves."
+    )

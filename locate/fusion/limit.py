@@ -1,0 +1,71 @@
+"""What would have been seen: the weakest plume that the evidence of a run could have shown."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
+from geometry.arrays import FloatArray, FloatMap
+from locate.fusion.column import score
+from locate.fusion.views import Views
+
+AMPLITUDES_PX = np.geomspace(0.03, 3.0, 14)
+PLACES = 96
+RADIUS_UNITS, OPENING, HEIGHT_UNITS = 0.15, 0.1, 1.5
+SHARE_SEEN = 0.5
+FEWEST_VIEWS = 2.0
+
+
+def detection_limit_px(
+    views: Views, threshold_nats: float, unit: float, *, seed: int = 0
+) -> float | None:
+    """The smallest displacement with which half of all places would have passed the threshold.
+
+    Columns of a usual shape are put at random where at least two views look, each pixel of them
+    is given the evidence that its own sigma allows for that displacement, and the sum is held
+    against the threshold. The background's silence (llr 0) stays silent.
+
+    Args:
+        views: The evidence of the run.
+        threshold_nats: What counts as a plume.
+        unit: The yardstick of fusion, world units.
+        seed: Of the places.
+
+    Returns:
+        px of the original frames, or None where even the largest of `AMPLITUDES_PX` would not
+        have been seen.
+    """
+    columns = _places(views, unit, np.random.default_rng(seed))
+    looked_at = replace(views, llr=np.ones_like(views.llr))
+    coverage = score(looked_at, columns)
+    columns = columns[(coverage > 0.2 * coverage.max()).sum(axis=0) >= FEWEST_VIEWS]
+    if not len(columns):
+        return None
+    for amplitude in AMPLITUDES_PX:
+        nats = score(replace(views, llr=_expected(views, float(amplitude))), columns).sum(axis=0)
+        if (nats > threshold_nats).mean() >= SHARE_SEEN:
+            return float(amplitude)
+    return None
+
+
+def _places(views: Views, unit: float, rng: np.random.Generator) -> FloatArray:
+    """(N, 8) columns between the cameras and what they look at."""
+    background = views.background_in_world()
+    target = background[rng.integers(len(background), size=PLACES)]
+    centers = views.trajectory.centers_in_world
+    center = centers[rng.integers(len(centers), size=PLACES)]
+    share = rng.uniform(0.4, 0.8, (PLACES, 1))
+    columns = np.zeros((PLACES, 8))
+    columns[:, :3] = center + share * (target - center)
+    columns[:, 2] -= HEIGHT_UNITS * unit / 2
+    columns[:, 5:] = [HEIGHT_UNITS * unit, RADIUS_UNITS * unit, OPENING]
+    return columns
+
+
+def _expected(views: Views, amplitude_px: float) -> FloatMap:
+    """(V, H, W) evidence a displacement would give where anything was measured at all."""
+    measured = np.isfinite(views.sigma_px) & (views.llr != 0)
+    sigma = np.where(measured, views.sigma_px, 1.0).astype(np.float32)
+    size = np.full_like(sigma, amplitude_px)
+    llr = np.clip(log_likelihood_ratio(size, sigma), LLR_MIN, LLR_MAX)
+    return np.where(measured, llr, 0).astype(np.float32)

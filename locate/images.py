@@ -1,0 +1,70 @@
+"""The frames of a run, read and undistorted on demand."""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import overload
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatMap, GreyImage
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+
+CACHED = 24
+INVISIBLE_PX = 0.05
+
+
+class FrameImages(Sequence[GreyImage]):
+    """Grey images from files, seen by a pinhole camera; the last `CACHED` stay in memory.
+
+    Args:
+        paths: The files.
+        camera: That took them; None where it is unknown, then nothing is undistorted.
+    """
+
+    def __init__(self, paths: Sequence[Path], camera: Camera | None = None) -> None:
+        self._paths = list(paths)
+        self._map = None if camera is None else bending(camera)
+        self._cache: OrderedDict[int, GreyImage] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, i: int) -> GreyImage: ...
+    @overload
+    def __getitem__(self, i: slice) -> "FrameImages": ...
+    def __getitem__(self, i: int | slice) -> "GreyImage | FrameImages":
+        if isinstance(i, slice):
+            part = FrameImages(self._paths[i])
+            part._map = self._map
+            return part
+        if i not in self._cache:
+            self._cache[i] = self._read(self._paths[i])
+            if len(self._cache) > CACHED:
+                self._cache.popitem(last=False)
+        self._cache.move_to_end(i)
+        return self._cache[i]
+
+    def _read(self, path: Path) -> GreyImage:
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise BadInputError(f"{path}: not a readable image; repeat the run with --force")
+        if self._map is not None:
+            # Cubic interpolation in OpenCV 5 bends the image itself; twice the size, linearly,
+            # is exact in position.
+            double = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+            place = 2 * self._map + 0.5
+            image = cv2.remap(double, place, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        return np.asarray(image, np.uint8)
+
+
+def bending(camera: Camera) -> FloatMap | None:
+    """Where to read each pixel of the undistorted image; None where the lens bends nothing."""
+    if camera.is_pinhole:
+        return None
+    place = camera.undistortion_map()
+    shift = np.abs(place - camera.pixel_grid()).max()
+    return None if shift < INVISIBLE_PX else place

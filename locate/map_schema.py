@@ -1,0 +1,96 @@
+"""What map.json must hold, schema ``locate.map/1``."""
+
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from geometry.errors import BadInputError
+
+SCHEMA = "locate.map/1"
+
+_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _PlumeFile(BaseModel):
+    id: int
+    source: _Vector
+    source_covariance: tuple[_Vector, _Vector, _Vector]
+    axis: _Vector
+    axis_sigma_rad: FiniteFloat
+    extent_low: FiniteFloat
+    extent_high: FiniteFloat
+    radius_by_height: list[tuple[FiniteFloat, FiniteFloat]]
+    evidence_nats: FiniteFloat
+    probability: float = Field(ge=0, le=1)
+    views: tuple[int, ...]
+    displacement_px: FiniteFloat
+    source_hidden: bool = False
+
+
+class _BearingFile(BaseModel):
+    direction_in_cam: _Vector
+    sigma_rad: FiniteFloat
+    evidence_nats: FiniteFloat
+    probability: float = Field(ge=0, le=1)
+    displacement_px: FiniteFloat
+
+
+class _GeoreferenceFile(BaseModel):
+    model_config = ConfigDict(extra="allow")
+
+    origin_lat_deg: float = Field(ge=-90, le=90)
+    origin_lon_deg: float = Field(ge=-180, le=180)
+    origin_height_m: FiniteFloat
+    height_datum: str
+
+
+class _MapFile(BaseModel):
+    units: Literal["m", "scene"]
+    gravity: bool
+    detector: str
+    version: str
+    georeference: _GeoreferenceFile | None
+    plumes: tuple[_PlumeFile, ...]
+    bearings: tuple[_BearingFile, ...] = ()
+    detection_limit_px: FiniteFloat | None
+    detection_limit_k: FiniteFloat | None = None
+    notes: tuple[str, ...] = ()
+
+
+_ARRAYS = {
+    "source": (3,),
+    "source_covariance": (3, 3),
+    "axis": (3,),
+    "radius_by_height": (-1, 2),
+    "direction_in_cam": (3,),
+}
+
+
+def checked_fields(content: Any) -> dict[str, Any]:
+    """The fields of a map, plumes and bearings as dicts with arrays.
+
+    Raises:
+        BadInputError: Another schema, a missing key, or a value of the wrong kind.
+    """
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema != SCHEMA:
+        raise BadInputError(f"schema is {schema!r}, expected {SCHEMA!r}: make the map again")
+    try:
+        fields = _MapFile.model_validate(content).model_dump()
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise BadInputError(f"{where}: {first['msg']}") from error
+    for group in ("plumes", "bearings"):
+        fields[group] = [_arrays(item) for item in fields[group]]
+    return fields
+
+
+def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: np.reshape(np.asarray(value, dtype=float), _ARRAYS[name])
+        if name in _ARRAYS
+        else value
+        for name, value in fields.items()
+    }

@@ -1,0 +1,114 @@
+"""The stage that looks: refraction measured in some of the frames."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from detect.bos import BosDetector
+from detect.detection import Detection, Detector, Frames
+from detect.registered import RegisteredDetector
+from geometry.arrays import FloatArray, IntArray
+from geometry.camera import Camera
+from geometry.trajectory import Trajectory
+from locate.images import FrameImages
+from locate.journal import Report
+
+ENDS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """The frames of a run and what is known of their camera.
+
+    Attributes:
+        folder: Where the images are.
+        names: N file names.
+        indices: (N,) index of each in the recording.
+        camera: That took them.
+        trajectory: Its N poses; None where it stood still.
+    """
+
+    folder: Path
+    names: Sequence[str]
+    indices: IntArray
+    camera: Camera
+    trajectory: Trajectory | None = None
+
+    def frames(self) -> Frames:
+        """The frames, undistorted, with the pinhole camera that would have taken them so."""
+        images = FrameImages([self.folder / name for name in self.names], self.camera)
+        return Frames(images=images, trajectory=self.undistorted_trajectory())
+
+    def undistorted_trajectory(self) -> Trajectory | None:
+        """The poses with the pinhole camera of the undistorted frames."""
+        if self.trajectory is None:
+            return None
+        return replace(self.trajectory, camera=self.camera.undistorted())
+
+    def rows(self, indices: Sequence[int]) -> IntArray:
+        """Which rows the frames of these indices are."""
+        return np.searchsorted(self.indices, np.asarray(indices, dtype=np.int64))
+
+
+def observe(
+    recorded: Recorded,
+    detector_name: str,
+    folder: Path,
+    *,
+    points_path: Path,
+    most: int,
+    report: Report,
+) -> str:
+    """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
+
+    Frames that already have their file are left alone.
+    """
+    folder.mkdir(exist_ok=True)
+    frames = recorded.frames()
+    detector = make_detector(detector_name, points_path)
+    rows = spread(len(frames), most, ends=0 if recorded.trajectory is None else ENDS)
+    for done, row in enumerate(rows):
+        report("detections", done / len(rows))
+        path = folder / f"{recorded.indices[row]:06d}.npz"
+        if not path.exists():
+            unfinished = path.with_suffix(".tmp")
+            detector.detect(frames, int(row)).save(unfinished)
+            unfinished.replace(path)
+    report("detections", 1.0)
+    index = {"detector": detector.name, "indices": recorded.indices[rows].tolist()}
+    (folder / "index.json").write_text(json.dumps(index))
+    return f"{len(rows)} frames, {detector.name}"
+
+
+def make_detector(name: str, points_path: Path) -> Detector:
+    """The detector of that name; `points_path` may hold the sparse points of the scene."""
+    if name == "bos":
+        return BosDetector()
+    return RegisteredDetector(points_in_world=load_points(points_path))
+
+
+def load_points(path: Path) -> FloatArray | None:
+    """(M, 3) sparse points of a reconstruction, or None where there is none."""
+    if not path.exists():
+        return None
+    with np.load(path, allow_pickle=False) as file:
+        points: FloatArray = file["points_in_world"]
+    return points
+
+
+def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:
+    """The detector's name, the frame indices and the detections that `observe` wrote."""
+    index = json.loads((folder / "index.json").read_text())
+    indices: list[int] = index["indices"]
+    return index["detector"], indices, [Detection.load(folder / f"{i:06d}.npz") for i in indices]
+
+
+def spread(count: int, most: int, *, ends: int) -> IntArray:
+    """At most `most` of `count` rows, evenly, without the `ends` that lack neighbours."""
+    ends = min(ends, (count - 1) // 2)
+    usable = count - 2 * ends
+    chosen = np.linspace(ends, count - 1 - ends, min(most, usable))
+    return np.rint(chosen).astype(np.int64)

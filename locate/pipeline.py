@@ -1,0 +1,234 @@
+"""The run: from a recording to a map, by stages that are joined by files."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from geometry.camera import Camera
+from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.pose_files import read_named_poses
+from geometry.sfm import reconstruct
+from geometry.trajectory import Trajectory
+from locate.config import RunConfig
+from locate.decide import decide
+from locate.journal import Report, silent
+from locate.observe import Recorded, observe
+from locate.plume import PlumeMap
+from locate.publish import publish
+from locate.run_folder import RunFolder, fingerprint_of
+from locate.video import KeyFrames, open_recording, select_frames
+
+GUESSED_FOCAL = 1.2
+
+
+class Run:
+    """One recording on its way to a map.
+
+    Args:
+        config: What was asked for.
+        output: The run folder.
+        force: Do every stage again.
+        report: Told how far each stage is.
+    """
+
+    def __init__(
+        self, config: RunConfig, output: Path, *, force: bool = False, report: Report = silent
+    ) -> None:
+        self.config = config
+        self.folder = RunFolder(output, force=force)
+        self.root = output
+        self._report = report
+
+    def run(self) -> PlumeMap:
+        """Does what is left to do, and returns the map.
+
+        Raises:
+            BadInputError: Something given cannot be used.
+            RegistrationError: The frames could not be registered; the error says why.
+        """
+        self._frames()
+        recorded = self._recorded()
+        self._detect(recorded)
+        self._decide(recorded)
+        self._publish()
+        return PlumeMap.load(self.root / "map.json")
+
+    def _frames(self) -> None:
+        config = self.config
+        recording = open_recording(config.recording, max_side=config.max_side)
+        self.folder.save_config(config.to_plain())
+
+        def build(folder: Path) -> str:
+            frames = select_frames(
+                recording,
+                folder / "frames",
+                max_frames=config.max_frames,
+                progress=lambda _, share: self._report("frames", share),
+            )
+            frames.save(folder / "frames" / "index.json")
+            motion = "camera at rest" if frames.static else "moving camera"
+            return f"{len(frames)} of {frames.width}x{frames.height} px, {motion}"
+
+        inputs = {
+            "recording": fingerprint_of(config.recording),
+            "max_frames": config.max_frames,
+            "max_side": config.max_side,
+        }
+        self.folder.stage("frames", inputs=inputs, build=build)
+        self._key_frames = KeyFrames.load(self.root / "frames" / "index.json")
+
+    def _known_camera(self) -> Camera | None:
+        """The camera of the kept frames, where the user gave one."""
+        if self.config.camera is None:
+            return None
+        try:
+            content = json.loads(self.config.camera.read_text())
+            camera = Camera.from_dict(content.get("camera", content))
+        except (OSError, ValueError, AttributeError) as error:
+            raise BadInputError(f"{self.config.camera}: not a camera file ({error})") from error
+        return self._at_frame_size(camera)
+
+    def _at_frame_size(self, camera: Camera) -> Camera:
+        frames = self._key_frames
+        scaled = camera.scaled(frames.width / camera.width)
+        if (scaled.width, scaled.height) != (frames.width, frames.height):
+            raise BadInputError(
+                f"the camera is for {camera.width}x{camera.height} px, "
+                f"the frames have the shape of {frames.width}x{frames.height}"
+            )
+        return scaled
+
+    def _focal_prior_px(self) -> float | None:
+        if self.config.focal_px is None:
+            return self._key_frames.focal_prior_px
+        own_width = open_recording(self.config.recording, max_side=1 << 30).width
+        return self.config.focal_px * self._key_frames.width / own_width
+
+    def _recorded(self) -> Recorded:
+        """The frames with all that is known of their camera and its poses."""
+        frames = self._key_frames
+        if self._detector_name() == "bos":
+            if not frames.static:
+                raise BadInputError(
+                    f"{self.config.recording}: bos needs a camera at rest and this one moves; "
+                    "use --detector registered"
+                )
+            return Recorded(folder=self.root / "frames", names=frames.names, **self._still_camera())
+        if frames.static and self.config.poses is None:
+            raise RegistrationError(
+                RegistrationFailure.STATIC_CAMERA,
+                "one viewpoint gives directions, no positions; use --detector bos for bearings",
+            )
+        self._find_poses()
+        trajectory = Trajectory.load(self.root / "trajectory.json")
+        names = dict(zip(frames.indices.tolist(), frames.names, strict=True))
+        return Recorded(
+            folder=self.root / "frames",
+            names=[names[index] for index in trajectory.indices.tolist()],
+            indices=trajectory.indices,
+            camera=trajectory.camera,
+            trajectory=trajectory,
+        )
+
+    def _still_camera(self) -> dict[str, Any]:
+        frames, camera = self._key_frames, self._known_camera()
+        if camera is None:
+            focal_px = self._focal_prior_px() or GUESSED_FOCAL * max(frames.width, frames.height)
+            camera = Camera.pinhole(frames.width, frames.height, focal_px)
+        return {"indices": frames.indices, "camera": camera}
+
+    def _find_poses(self) -> None:
+        config = self.config
+        inputs: dict[str, Any] = {
+            name: None if path is None else fingerprint_of(path)
+            for name, path in (("poses", config.poses), ("camera", config.camera))
+        }
+        inputs["focal_px"] = config.focal_px
+        build = self._register if config.poses is None else self._take_given_poses
+        self.folder.stage("poses", after=("frames",), inputs=inputs, build=build)
+
+    def _register(self, folder: Path) -> str:
+        frames = self._key_frames
+        result = reconstruct(
+            self.root / "frames",
+            frames.names,
+            frames.indices,
+            frames.times_s,
+            camera=self._known_camera(),
+            focal_prior_px=self._focal_prior_px(),
+            workdir=folder / "sfm",
+            ordered=frames.is_video,
+            progress=lambda _, share: self._report("poses", share),
+        )
+        result.save(folder / "sfm")
+        result.trajectory.save(folder / "trajectory.json")
+        return f"{len(result.trajectory)} of {len(frames)} frames, {result.report['method']}"
+
+    def _take_given_poses(self, folder: Path) -> str:
+        assert self.config.poses is not None
+        frames = self._key_frames
+        trajectory, _ = read_named_poses(self.config.poses, self._known_camera()).match_to_frames(
+            [frame.source for frame in frames.frames],
+            frames.indices,
+            frames.times_s,
+            size=(frames.width, frames.height),
+        )
+        trajectory.save(folder / "trajectory.json")
+        return f"{len(trajectory)} of {len(self._key_frames)} frames, given"
+
+    def _detector_name(self) -> str:
+        if self.config.detector != "auto":
+            return self.config.detector
+        return "bos" if self._key_frames.static else "registered"
+
+    def _detect(self, recorded: Recorded) -> None:
+        def build(folder: Path) -> str:
+            return observe(
+                recorded,
+                self._detector_name(),
+                folder / "detections",
+                points_path=self.root / "sfm" / "points.npz",
+                most=self.config.detection_frames,
+                report=self._report,
+            )
+
+        inputs = {"detector": self._detector_name(), "frames": self.config.detection_frames}
+        after = ("frames",) if recorded.trajectory is None else ("frames", "poses")
+        self.folder.stage("detections", after=after, inputs=inputs, build=build)
+
+    def _decide(self, recorded: Recorded) -> None:
+        def build(folder: Path) -> str:
+            self._report("fusion", -1)
+            plume_map = decide(
+                self.root / "detections", recorded, folder / "evidence.npz", seed=self.config.seed
+            )
+            plume_map = replace(
+                plume_map,
+                notes=(*plume_map.notes, *self._focal_notes(), *self._key_frames.warnings),
+            )
+            plume_map.save(folder / "map.json")
+            self._report("fusion", 1)
+            return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
+
+        inputs = {"seed": self.config.seed}
+        self.folder.stage("fusion", after=("detections",), inputs=inputs, build=build)
+
+    def _focal_notes(self) -> tuple[str, ...]:
+        known = self.config.camera or self.config.poses or self.config.focal_px
+        if known or self._key_frames.focal_prior_px is not None:
+            return ()
+        how = "guessed" if self._key_frames.static else "estimated from the frames"
+        return (f"The focal length is {how}; give it with --focal or --camera if you know it.",)
+
+    def _publish(self) -> None:
+        self._report("report", -1)
+        self.folder.stage(
+            "report",
+            after=("fusion",),
+            inputs={},
+            build=lambda folder: publish(
+                self.root, folder, stages=self.folder.times, settings=self.config.to_plain()
+            ),
+        )
+        self._report("report", 1)

@@ -1,0 +1,173 @@
+"""The answer: plumes in 3D, or bearings where the camera stood still, and their file map.json."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from geometry.arrays import FloatArray
+from geometry.errors import BadInputError
+from locate.map_schema import SCHEMA, checked_fields
+from locate.plain import plain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plume:
+    """A column of refracting air.
+
+    Attributes:
+        id: Number within the map, from 1, strongest evidence first.
+        source: (3,) where it leaves the ground or the leak, in world units.
+        source_covariance: (3, 3) of `source`, world axes, world units squared.
+        axis: (3,) unit vector of the rise, in the world.
+        axis_sigma_rad: Standard deviation of the direction of `axis`, rad.
+        extent_low: Distance along the axis from the source where evidence begins; above 0, the
+            lowest part itself was not seen and the source is an extrapolation.
+        extent_high: Distance along the axis where evidence ends.
+        radius_by_height: (M, 2) of [distance along the axis from the source, radius].
+        evidence_nats: Summed log-likelihood ratio of this plume against none.
+        probability: That this is a plume.
+        views: Indices of the frames that saw it.
+        displacement_px: Mean displacement it causes in those frames.
+        source_hidden: Something stands before the source in the frames that would show it.
+    """
+
+    id: int
+    source: FloatArray
+    source_covariance: FloatArray
+    axis: FloatArray
+    axis_sigma_rad: float
+    extent_low: float
+    extent_high: float
+    radius_by_height: FloatArray
+    evidence_nats: float
+    probability: float
+    views: tuple[int, ...]
+    displacement_px: float
+    source_hidden: bool = False
+
+    _SHAPES: ClassVar = {"source": (3,), "source_covariance": (3, 3), "axis": (3,)}
+
+    def __post_init__(self) -> None:
+        for name, expected in self._SHAPES.items():
+            if (got := getattr(self, name).shape) != expected:
+                raise ValueError(f"{name}.shape={got}, expected {expected}")
+        if self.radius_by_height.ndim != 2 or self.radius_by_height.shape[1] != 2:
+            raise ValueError(f"{self.radius_by_height.shape=}, expected (M, 2)")
+
+    @property
+    def principal_sigmas(self) -> FloatArray:
+        """(3,) 1-sigma of the source along its principal axes, largest first, in world units."""
+        variances = np.linalg.eigvalsh(self.source_covariance)[::-1]
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
+
+    def points_on_axis(self, distances: FloatArray) -> FloatArray:
+        """(K, 3) world points at (K,) distances along the axis from the source."""
+        return np.asarray(self.source + distances[:, None] * self.axis)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bearing:
+    """A plume seen from one viewpoint: a direction, no position.
+
+    Attributes:
+        direction_in_cam: (3,) unit vector towards the plume's base; x right, y down, z forward.
+        sigma_rad: Standard deviation of the direction, rad.
+        evidence_nats: Summed log-likelihood ratio of this plume against none.
+        probability: That this is a plume.
+        displacement_px: Mean displacement it causes.
+    """
+
+    direction_in_cam: FloatArray
+    sigma_rad: float
+    evidence_nats: float
+    probability: float
+    displacement_px: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlumeMap:
+    """What a run found, and what it would have found.
+
+    Attributes:
+        units: ``"m"``, or ``"scene"`` where the scale is free.
+        gravity: World Z is known to point up; otherwise the direction of up is a guess.
+        georeference: Where the local east-north-up world sits on the Earth (WGS84):
+            ``origin_lat_deg, origin_lon_deg, origin_height_m, height_datum``; None where unknown.
+        plumes: The plumes, strongest evidence first.
+        bearings: Directions to plumes, from a camera that stood still.
+        detection_limit_px: Mean displacement of the weakest plume that would have been found;
+            None where it was not worked out.
+        detection_limit_k: The same as a temperature difference, K; only in a metric map.
+        notes: What a reader must know, one sentence each.
+        detector: Name of the detector.
+        version: Version of this program.
+    """
+
+    units: Literal["m", "scene"]
+    gravity: bool
+    detector: str
+    version: str
+    georeference: dict[str, Any] | None = None
+    plumes: tuple[Plume, ...] = ()
+    bearings: tuple[Bearing, ...] = ()
+    detection_limit_px: float | None = None
+    detection_limit_k: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def unit_name(self) -> str:
+        """The unit as printed behind a number."""
+        return "m" if self.units == "m" else "scene units"
+
+    def limit_text(self) -> str:
+        """What was found, and the weakest plume that would have been, as one sentence."""
+        count = len(self.plumes) + len(self.bearings)
+        found = {0: "None found", 1: "One found"}.get(count, f"{count} found")
+        if self.detection_limit_px is None:
+            return f"{found}; the weakest plume that would have been seen is not known."
+        kelvin = self.detection_limit_k
+        heat = "" if kelvin is None else f", about {kelvin:.2g} K warmer than the air,"
+        return f"{found}; a plume of {self.detection_limit_px:.2g} px{heat} would have been seen."
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of map.json, schema ``locate.map/1``."""
+        return {"schema": SCHEMA, **plain(asdict(self))}
+
+    @classmethod
+    def from_dict(cls, content: Any) -> Self:
+        """Reads the content of map.json.
+
+        Raises:
+            BadInputError: Another schema, a missing key, or a value of the wrong kind.
+        """
+        fields = checked_fields(content)
+        plumes = tuple(Plume(**plume) for plume in fields.pop("plumes"))
+        bearings = tuple(Bearing(**bearing) for bearing in fields.pop("bearings"))
+        return cls(**fields, plumes=plumes, bearings=bearings)
+
+    def save(self, path: Path) -> None:
+        """Writes map.json.
+
+        Raises:
+            ValueError: A number is not finite.
+        """
+        path.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False))
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads map.json.
+
+        Raises:
+            BadInputError: The file is missing, not JSON, or not a map of this version.
+        """
+        try:
+            content = json.loads(path.read_text())
+        except (OSError, ValueError) as error:
+            raise BadInputError(f"{path}: not a readable map ({error})") from error
+        try:
+            return cls.from_dict(content)
+        except BadInputError as error:
+            raise BadInputError(f"{path}: {error}") from error

@@ -1,0 +1,111 @@
+"""The stage that shows: the map as files for other programs and as a report for people."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray
+from geometry.grid import Box
+from geometry.trajectory import Trajectory
+from locate import __version__
+from locate.export.geojson import write_geojson
+from locate.export.ply import write_plumes_ply
+from locate.export.report import ReportFrame, StageTime, write_report
+from locate.observe import load_detections, load_points
+from locate.plume import Plume, PlumeMap
+
+SHOWN_FRAMES = 8
+REACH_RADII = 1.5
+
+
+def publish(
+    root: Path, folder: Path, *, stages: Sequence[StageTime], settings: Mapping[str, Any]
+) -> str:
+    """Writes plumes.ply, plumes.geojson where the map is georeferenced, and report.html.
+
+    Args:
+        root: The run folder with its earlier stages.
+        folder: Where to write.
+        stages: What they cost.
+        settings: What the run was told.
+    """
+    plume_map = PlumeMap.load(root / "map.json")
+    path = root / "trajectory.json"
+    trajectory = Trajectory.load(path) if path.exists() else None
+    voxels = plume_voxels(root / "evidence.npz", plume_map)
+    write_plumes_ply(
+        folder / "plumes.ply",
+        points_in_world=voxels[:, :3],
+        probability=voxels[:, 3],
+        displacement_px=voxels[:, 4],
+    )
+    if plume_map.georeference is not None:
+        write_geojson(folder / "plumes.geojson", plume_map)
+    points = load_points(root / "sfm" / "points.npz")
+    write_report(
+        folder / "report.html",
+        plume_map=plume_map,
+        trajectory=trajectory,
+        points_in_world=np.zeros((0, 3)) if points is None else points,
+        voxels_in_world=voxels[:, :3],
+        voxel_probability=voxels[:, 3],
+        frames=_report_frames(root, plume_map, trajectory),
+        stages=stages,
+        settings={name: str(value) for name, value in settings.items() if value is not None}
+        | {"version": __version__},
+        notes=plume_map.notes,
+    )
+    return "report.html, plumes.ply"
+
+
+def plume_voxels(evidence: Path, plume_map: PlumeMap) -> FloatArray:
+    """(N, 5) of the voxels within the plumes: x, y, z, probability, displacement in px.
+
+    The probability is the logistic of a voxel's mean evidence per view.
+    """
+    if not evidence.exists() or not plume_map.plumes:
+        return np.zeros((0, 5))
+    with np.load(evidence, allow_pickle=False) as file:
+        llr, weight = file["llr"].astype(float), file["weight"].astype(float)
+        box = Box(low_in_world=file["low_in_world"], voxel=float(file["voxel"]), shape=llr.shape)
+    seen = np.argwhere((llr > 0) & (weight > 0))
+    points = box.centers_in_world(seen.astype(float))
+    mean = llr[tuple(seen.T)] / weight[tuple(seen.T)]
+    rows = []
+    for plume in plume_map.plumes:
+        inside = _inside(plume, points, box.voxel)
+        share = 1 / (1 + np.exp(-mean[inside]))
+        size = np.full(len(share), plume.displacement_px)
+        rows.append(np.column_stack([points[inside], share, size]))
+    return np.concatenate(rows)
+
+
+def _inside(plume: Plume, points: FloatArray, voxel: float) -> np.ndarray:
+    along = (points - plume.source) @ plume.axis
+    across = np.linalg.norm(points - plume.source - along[:, None] * plume.axis, axis=1)
+    radius = np.interp(along, *plume.radius_by_height.T)
+    within = (along >= plume.extent_low) & (along <= plume.extent_high)
+    return np.asarray(within & (across <= REACH_RADII * radius + voxel / 2))
+
+
+def _report_frames(
+    root: Path, plume_map: PlumeMap, trajectory: Trajectory | None
+) -> list[ReportFrame]:
+    _, indices, detections = load_detections(root / "detections")
+    shown = np.unique(np.linspace(0, len(indices) - 1, SHOWN_FRAMES).astype(int))
+    frames = []
+    for k in shown:
+        path = root / "frames" / f"{indices[k]:06d}.png"
+        image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8)
+        source_px = None
+        if trajectory is not None and plume_map.plumes:
+            row = int(np.searchsorted(trajectory.indices, indices[k]))
+            sources = np.array([plume.source for plume in plume_map.plumes])
+            source_px = trajectory.project(row, sources)
+        frames.append(
+            ReportFrame(index=indices[k], image=image, llr=detections[k].llr, source_px=source_px)
+        )
+    return frames

@@ -1,0 +1,6 @@
+"""The recording that comes with the package: a simulated hot leak on a pipe rack."""
+
+from pathlib import Path
+
+SAMPLE = Path(__file__).parent / "data" / "sample"
+SAMPLE_VIDEO = SAMPLE / "pipe_rack_leak.mkv"

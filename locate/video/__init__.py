@@ -1,0 +1,15 @@
+"""From a video or a folder of photos to the key frames that a run works on."""
+
+from locate.video.index import FRAMES_SCHEMA, KeyFrame, KeyFrames
+from locate.video.keyframes import select_frames
+from locate.video.recording import Frame, Recording, open_recording
+
+__all__ = [
+    "FRAMES_SCHEMA",
+    "Frame",
+    "KeyFrame",
+    "KeyFrames",
+    "Recording",
+    "open_recording",
+    "select_frames",
+]

@@ -1,0 +1,109 @@
+"""The focal length that a photo or a video claims in its metadata."""
+
+import re
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import pycolmap
+
+HEADER_BYTES = 256 * 1024
+FULL_FRAME_WIDTH_MM = 36.0
+EXIF_IFD, FOCAL_MM, PIXELS_X, PIXELS_Y = 0x8769, 0x920A, 0xA002, 0xA003
+PLANE_X_RESOLUTION, PLANE_UNIT, FOCAL_35MM = 0xA20E, 0xA210, 0xA405
+UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+_TYPES = {1: "B", 3: "H", 4: "I", 5: "II", 9: "i", 10: "ii"}
+_VIDEO_KEY = re.compile(r"focal.?length.*35", re.IGNORECASE)
+_DJI_CALIBRATED = re.compile(rb'CalibratedFocalLength(?:="|>)\s*([\d.]+)')
+
+
+@dataclass(frozen=True, kw_only=True)
+class FocalPrior:
+    """A focal length from metadata.
+
+    Attributes:
+        relative: Focal length over the longest side of the image, so that resizing leaves it alone.
+        source: Where it was found, for the report.
+    """
+
+    relative: float
+    source: str
+
+
+def focal_of_photo(path: Path) -> FocalPrior | None:
+    """Reads XMP and EXIF of a photo; None where they say nothing of use.
+
+    EXIF pixel dimensions may state the size of an original that was since resized, so the sensor
+    size is worked out from those and the focal length taken relative to the image's side.
+    """
+    with path.open("rb") as file:
+        header = file.read(HEADER_BYTES)
+    tags = _exif_tags(header)
+    side = max(tags.get(PIXELS_X, 0.0), tags.get(PIXELS_Y, 0.0))
+    calibrated = _DJI_CALIBRATED.search(header)
+    if calibrated and side > 0:
+        return _checked(float(calibrated.group(1)) / side, "XMP CalibratedFocalLength")
+    unit_mm = UNIT_MM.get(int(tags.get(PLANE_UNIT, 2)), 0.0)
+    resolution = tags.get(PLANE_X_RESOLUTION, 0.0)
+    if tags.get(FOCAL_MM, 0.0) > 0 and resolution > 0 and side > 0 and unit_mm > 0:
+        sensor_mm = side / resolution * unit_mm
+        return _checked(tags[FOCAL_MM] / sensor_mm, "EXIF FocalLength and FocalPlaneXResolution")
+    if tags.get(FOCAL_35MM, 0.0) > 0:
+        return _checked(tags[FOCAL_35MM] / FULL_FRAME_WIDTH_MM, "EXIF FocalLengthIn35mmFilm")
+    return _from_camera_database(path) if FOCAL_MM in tags else None
+
+
+def focal_of_video(metadata: dict[str, str]) -> FocalPrior | None:
+    """Reads the 35 mm equivalent focal length that some phones write into their videos."""
+    for key, value in metadata.items():
+        number = re.search(r"\d+(\.\d+)?", value)
+        if _VIDEO_KEY.search(key) and number:
+            return _checked(float(number.group()) / FULL_FRAME_WIDTH_MM, f"video metadata {key}")
+    return None
+
+
+def _checked(relative: float, source: str) -> FocalPrior | None:
+    return FocalPrior(relative=relative, source=source) if 0.2 < relative < 20 else None
+
+
+def _from_camera_database(path: Path) -> FocalPrior | None:
+    bitmap = pycolmap.Bitmap.read(str(path), as_rgb=False)
+    focal_px = bitmap.exif_focal_length() if bitmap is not None else None
+    if not focal_px:
+        return None
+    side = max(bitmap.width, bitmap.height)
+    return _checked(float(focal_px) / side, "EXIF FocalLength and sensor database")
+
+
+def _exif_tags(header: bytes) -> dict[int, float]:
+    """Numeric tags of the main and the EXIF directory (EXIF 2.32, section 4.6.2)."""
+    start = header.find(b"Exif\0\0")
+    tiff = header[start + 6 :] if start >= 0 else header
+    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
+    if order is None:
+        return {}
+    try:
+        (offset,) = struct.unpack_from(order + "I", tiff, 4)
+        tags = _directory(tiff, order, offset)
+        if EXIF_IFD in tags:
+            tags |= _directory(tiff, order, int(tags[EXIF_IFD]))
+    except struct.error:
+        return {}
+    return tags
+
+
+def _directory(tiff: bytes, order: str, offset: int) -> dict[int, float]:
+    (count,) = struct.unpack_from(order + "H", tiff, offset)
+    tags = {}
+    for i in range(count):
+        entry = offset + 2 + 12 * i
+        tag, kind, n = struct.unpack_from(order + "HHI", tiff, entry)
+        layout = _TYPES.get(kind)
+        if layout is None or n != 1:
+            continue
+        position = entry + 8
+        if struct.calcsize(layout) > 4:
+            (position,) = struct.unpack_from(order + "I", tiff, position)
+        values = struct.unpack_from(order + layout, tiff, position)
+        tags[tag] = values[0] / (values[1] or 1) if len(values) == 2 else float(values[0])
+    return tags

@@ -1,0 +1,184 @@
+"""Key frames: even in image motion, sharp, bounded in number."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray, GreyImage, IntArray
+from geometry.errors import BadInputError
+from locate.video.index import KeyFrame, KeyFrames
+from locate.video.motion import StillnessTest, median_motion, sharpness, thumbnail
+from locate.video.recording import Recording
+
+TARGET_MOTION = 0.005
+WINDOW = 0.25
+SHARPER = 1.2
+THUMBNAIL_SIDE = 320
+MIN_KEY_FRAMES = 8
+MAX_WAITING = 256
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Seen:
+    frame: KeyFrame
+    thumb: GreyImage
+
+
+class _Spacer:
+    """Keeps the next frame once the image has moved by the target since the last kept one."""
+
+    def __init__(self, first: _Seen, target_px: float) -> None:
+        self.kept = [first.frame]
+        self._last = first
+        self._target_px = target_px
+        self._waiting: list[tuple[float, _Seen]] = []
+
+    def add(self, seen: _Seen) -> None:
+        motion_px = median_motion(self._last.thumb, seen.thumb)
+        self._waiting.append((motion_px / self._target_px, seen))
+        while self._waiting and (
+            self._waiting[-1][0] >= 1 + WINDOW or len(self._waiting) >= MAX_WAITING
+        ):
+            self._keep_best()
+        inside = [item for item in self._waiting if item[0] >= 1 - WINDOW]
+        self._waiting = inside or self._waiting[-1:]
+
+    def finish(self) -> list[KeyFrame]:
+        if self._waiting and self._waiting[-1][0] >= 1 - WINDOW:
+            self._keep_best()
+        return self.kept
+
+    def _keep_best(self) -> None:
+        nearest = min(self._waiting, key=lambda item: abs(item[0] - 1))
+        inside = [item for item in self._waiting if abs(item[0] - 1) <= WINDOW]
+        sharpest = max(inside, key=lambda item: item[1].frame.sharpness, default=nearest)
+        much_sharper = sharpest[1].frame.sharpness > SHARPER * nearest[1].frame.sharpness
+        _, chosen = sharpest if much_sharper else nearest
+        rest = [seen for _, seen in self._waiting if seen.frame.index > chosen.frame.index]
+        self.kept.append(chosen.frame)
+        self._last = chosen
+        self._waiting = [
+            (median_motion(chosen.thumb, seen.thumb) / self._target_px, seen) for seen in rest
+        ]
+
+
+def select_frames(
+    recording: Recording,
+    folder: Path,
+    *,
+    max_frames: int = 120,
+    progress: Progress | None = None,
+) -> KeyFrames:
+    """Chooses key frames and writes them as grey PNG files ``folder/{index:06d}.png``.
+
+    A video is thinned to `TARGET_MOTION` of the width between neighbours, photos are all kept;
+    beyond `max_frames` the kept ones are spread evenly over the path of the image motion. A
+    recording by a camera at rest keeps frames evenly in time.
+
+    Args:
+        recording: What `open_recording` gave.
+        folder: Where to write; made where it is missing.
+        max_frames: The most frames to keep.
+        progress: Called with a stage name and a fraction (-1 where the length is unknown).
+
+    Returns:
+        The index of the written files, with the motion between neighbours measured anew.
+
+    Raises:
+        BadInputError: Fewer than two frames, or frames that cannot be used.
+    """
+    every, spaced, still = _watch(recording, progress)
+    if len(every) < 2:
+        raise BadInputError(f"{recording.path}: only {len(every)} frame; at least 2 are needed")
+    if still:
+        chosen = _evenly(every, np.arange(len(every)), max_frames)
+    elif recording.is_video and len(spaced) >= MIN_KEY_FRAMES:
+        chosen = _evenly(spaced, np.arange(len(spaced)), max_frames)
+    else:
+        chosen = _evenly(every, np.cumsum([frame.motion_px for frame in every]), max_frames)
+    kept = _write(recording, chosen, folder, progress)
+    return KeyFrames(
+        frames=tuple(kept),
+        width=recording.width,
+        height=recording.height,
+        is_video=recording.is_video,
+        static=still,
+        focal_prior_px=recording.focal_prior_px,
+        focal_source=recording.focal.source if recording.focal else None,
+        warnings=tuple(recording.warnings),
+    )
+
+
+def _watch(
+    recording: Recording, progress: Progress | None
+) -> tuple[list[KeyFrame], list[KeyFrame], bool]:
+    """Every frame with the motion since the one before, the spaced ones, and whether still."""
+    every: list[KeyFrame] = []
+    previous: GreyImage | None = None
+    spacer: _Spacer | None = None
+    stillness: StillnessTest | None = None
+    scale = max(recording.width, recording.height) / THUMBNAIL_SIDE
+    for frame in recording.frames():
+        thumb = thumbnail(frame.image, THUMBNAIL_SIDE)
+        motion_px = 0.0 if previous is None else median_motion(previous, thumb) * max(scale, 1.0)
+        seen = KeyFrame(
+            index=frame.index,
+            time_s=frame.time_s,
+            source=frame.source,
+            sharpness=sharpness(frame.image),
+            motion_px=motion_px,
+        )
+        every.append(seen)
+        if spacer is None or stillness is None:
+            target_px = TARGET_MOTION * thumb.shape[1]
+            spacer = _Spacer(_Seen(frame=seen, thumb=thumb), target_px)
+            stillness = StillnessTest(frame.image)
+        else:
+            spacer.add(_Seen(frame=seen, thumb=thumb))
+            stillness.add(frame.image)
+        previous = thumb
+        if progress:
+            total = len(recording.photos)
+            progress("watching the recording", len(every) / total if total else -1.0)
+    spaced = spacer.finish() if spacer else []
+    return every, spaced, bool(stillness and stillness.still)
+
+
+def _evenly(frames: list[KeyFrame], path: FloatArray | IntArray, count: int) -> list[KeyFrame]:
+    """At most `count` frames, evenly along `path`, a length that never falls."""
+    if len(frames) <= count:
+        return frames
+    path = path + 1e-6 * np.arange(len(path))  # strictly rising, also where nothing moves
+    wanted = np.linspace(path[0], path[-1], count)
+    rows = np.unique(np.searchsorted(path, wanted))
+    return [frames[row] for row in rows]
+
+
+def _write(
+    recording: Recording, chosen: list[KeyFrame], folder: Path, progress: Progress | None
+) -> list[KeyFrame]:
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = {frame.index: frame for frame in chosen}
+    written: list[KeyFrame] = []
+    previous: GreyImage | None = None
+    scale = max(1.0, max(recording.width, recording.height) / THUMBNAIL_SIDE)
+    for frame in recording.frames():
+        if frame.index not in wanted:
+            continue
+        key = wanted[frame.index]
+        if not cv2.imwrite(str(folder / key.name), frame.image):
+            raise BadInputError(f"{folder / key.name}: cannot be written")
+        thumb = thumbnail(frame.image, THUMBNAIL_SIDE)
+        motion_px = 0.0 if previous is None else median_motion(previous, thumb) * scale
+        written.append(replace(key, motion_px=motion_px))
+        previous = thumb
+        if progress:
+            progress("writing key frames", len(written) / len(chosen))
+        if len(written) == len(chosen):
+            break
+    return written

@@ -1,0 +1,206 @@
+"""A recording: a video or a folder of photos, read frame by frame at the working size."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+
+from geometry.arrays import GreyImage
+from geometry.errors import BadInputError
+from locate.video.focal import FocalPrior, focal_of_photo, focal_of_video
+
+DEFAULT_MAX_SIDE = 1280
+PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"})
+MISSING_TAIL_S = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """One decoded frame: (H, W) uint8 at the working size."""
+
+    index: int
+    time_s: float
+    source: str
+    image: GreyImage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """A video or a folder of photos; `frames` reads it from the start, as often as asked.
+
+    Attributes:
+        path: The video or the folder.
+        photos: The photos in natural order; empty for a video.
+        width: Working width, px.
+        height: Working height, px.
+        source_width: Width of the recorded images, px.
+        source_height: Height of the recorded images, px.
+        focal: Focal length from metadata, or None.
+        warnings: Filled while reading: what is wrong without making the recording useless.
+    """
+
+    path: Path
+    photos: tuple[Path, ...]
+    width: int
+    height: int
+    source_width: int
+    source_height: int
+    focal: FocalPrior | None
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def is_video(self) -> bool:
+        """False for a folder of photos."""
+        return not self.photos
+
+    @property
+    def focal_prior_px(self) -> float | None:
+        """Focal length from metadata, px at the working size."""
+        return None if self.focal is None else self.focal.relative * max(self.width, self.height)
+
+    def frames(self) -> Iterator[Frame]:
+        """Yields every frame in order; one frame is in memory at a time.
+
+        Raises:
+            BadInputError: A photo cannot be read, or the frames change in size.
+        """
+        source = _video_images(self.path, self.warnings) if self.is_video else _photos(self.photos)
+        for index, (time_s, name, image) in enumerate(source):
+            if image.shape != (self.source_height, self.source_width):
+                raise BadInputError(
+                    f"{self.path}: frame {index} ({name}) is {image.shape[1]}x{image.shape[0]}, "
+                    f"the first is {self.source_width}x{self.source_height}; "
+                    "give frames of one camera and one size"
+                )
+            yield Frame(index=index, time_s=time_s, source=name, image=self._resized(image))
+
+    def _resized(self, image: GreyImage) -> GreyImage:
+        if image.shape == (self.height, self.width):
+            return image
+        return cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_AREA)
+
+
+def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording:
+    """Opens a video or a folder of photos.
+
+    Args:
+        path: A video file, or a folder of .jpg, .png, .tif or .webp files.
+        max_side: Longer images are reduced to this many px on the longest side.
+
+    Raises:
+        BadInputError: Nothing there that can be read, or fewer than one frame.
+    """
+    if not path.exists():
+        raise BadInputError(f"{path}: no such file or folder")
+    if path.is_dir():
+        photos = _list_photos(path)
+        _, name, first = next(_photos(photos[:1]))
+        focal = focal_of_photo(path / name)
+    else:
+        photos = ()
+        first = _first_image(path)
+        focal = focal_of_video(_video_metadata(path))
+    height, width = first.shape
+    factor = min(1.0, max_side / max(height, width))
+    return Recording(
+        path=path,
+        photos=photos,
+        width=round(width * factor),
+        height=round(height * factor),
+        source_width=width,
+        source_height=height,
+        focal=focal,
+    )
+
+
+def natural_key(path: Path) -> list[tuple[int, str]]:
+    """Sorts ``img2`` before ``img10``."""
+    parts = re.split(r"(\d+)", path.name.lower())
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+
+
+def _list_photos(folder: Path) -> tuple[Path, ...]:
+    try:
+        entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
+    except OSError as error:
+        raise BadInputError(f"{folder}: cannot be read ({error.strerror})") from error
+    photos = sorted((e for e in entries if e.suffix.lower() in PHOTO_SUFFIXES), key=natural_key)
+    if not photos:
+        raise BadInputError(
+            f"{folder}: no photos in this folder (expected .jpg, .png, .tif, .webp)"
+        )
+    return tuple(photos)
+
+
+def _photos(paths: tuple[Path, ...]) -> Iterator[tuple[float, str, GreyImage]]:
+    for index, path in enumerate(paths):
+        try:
+            content = np.fromfile(path, dtype=np.uint8)
+            image = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
+        except (OSError, cv2.error) as error:
+            raise BadInputError(f"{path}: cannot be read ({error})") from error
+        if image is None:
+            raise BadInputError(f"{path}: not a readable image; remove or replace it")
+        yield float(index), path.name, np.asarray(image, dtype=np.uint8)
+
+
+def _open_video(path: Path) -> "av.container.InputContainer":
+    try:
+        container = av.open(str(path))
+    except (OSError, ValueError) as error:  # av's own errors derive from both
+        raise BadInputError(f"{path}: not a readable video ({_reason(error)})") from error
+    if not container.streams.video:
+        container.close()
+        raise BadInputError(f"{path}: holds no video stream")
+    return container
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)
+
+
+def _video_metadata(path: Path) -> dict[str, str]:
+    with _open_video(path) as container:
+        return container.metadata | container.streams.video[0].metadata
+
+
+def _first_image(path: Path) -> GreyImage:
+    for _, _, image in _video_images(path, []):
+        return image
+    raise BadInputError(f"{path}: not one frame of this video can be decoded")
+
+
+def _video_images(path: Path, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
+    """Decodes what there is; an early end is noted in `warnings`, not raised."""
+    count, time_s, declared_s = 0, 0.0, 0.0
+    broken = False
+    with _open_video(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        rate = float(stream.average_rate or 25)
+        declared_s = float((container.duration or 0) / av.time_base)
+        start_s = float((container.start_time or 0) / av.time_base)
+        try:
+            for frame in container.decode(stream):
+                if frame.is_corrupt:
+                    broken = True
+                    continue
+                time_s = frame.time if frame.time is not None else count / rate
+                count += 1
+                yield time_s, path.name, _grey(frame)
+        except (OSError, ValueError):
+            broken = True
+    if broken or (count and declared_s - (time_s - start_s) - 1 / rate > MISSING_TAIL_S):
+        note = f"{path.name}: damaged or truncated; {count} frames decoded, up to {time_s:.2f} s"
+        if note not in warnings:
+            warnings.append(note)
+
+
+def _grey(frame: av.VideoFrame) -> GreyImage:
+    image = frame.to_ndarray(format="gray")
+    quarter_turns = round(getattr(frame, "rotation", 0) / 90) % 4
+    return np.ascontiguousarray(np.rot90(image, quarter_turns))
