@@ -20,7 +20,8 @@ LARGEST_SCALE = 3.0
 class BosDetector:
     """Refraction by optical flow against a reference without plume.
 
-    The reference is an image given, or the temporal median of a still camera. Small shifts of
+    The reference is an image given, or the temporal median of a still camera; against that only
+    what changes in a plume shows, its mean is part of the reference. Small shifts of
     the whole image (vibration) are taken out by the median flow of each direction, as the plume
     covers the smaller part of it. Source: the DYBS paper, section II.
 
@@ -87,7 +88,8 @@ def temporal_median(images: Sequence[GreyImage], most: int) -> GreyImage:
             "give a reference image"
         )
     rows = np.unique(np.linspace(0, len(images) - 1, min(most, len(images))).round().astype(int))
-    return np.median([images[row] for row in rows], axis=0).round().astype(np.uint8)
+    median = np.median([images[row] for row in rows], axis=0)
+    return np.asarray(median.round(), dtype=np.uint8)
 
 
 def median_bias(displacement: FloatMap, texture: FloatMap) -> FloatMap:

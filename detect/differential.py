@@ -101,8 +101,8 @@ def _coarse_to_fine(reference: GreyImage, image: GreyImage, step: Step, warps: i
     flow = np.zeros((*pairs[-1][0].shape, 2), dtype=np.float32)
     for source, target in reversed(pairs):
         height, width = target.shape
-        growth = (width / flow.shape[1], height / flow.shape[0])
-        flow = cv2.resize(flow, (width, height)) * np.float32(growth)
+        growth = np.array([width / flow.shape[1], height / flow.shape[0]], np.float32)
+        flow = np.asarray(cv2.resize(flow, (width, height)) * growth)
         grid = pixel_grid(target.shape)
         for _ in range(warps):
             warped = sample(source, grid + flow)

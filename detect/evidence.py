@@ -10,7 +10,7 @@ from geometry.arrays import BoolArray, FloatMap
 
 LLR_MIN, LLR_MAX = -1.5, 4.0
 POOLED_MOST = 6.0
-POOL_PX = 4.0
+POOL_PX = 5.0
 POOL_LONELY = 0.05
 AMPLITUDES_PX = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 NULL_FREEDOM = 3.0

@@ -21,7 +21,7 @@ Flow: TypeAlias = Callable[[GreyImage, GreyImage], FloatMap]
 @cache
 def dis_matcher(*, refinements: int) -> Any:
     """DIS flow (Kroeger et al., ECCV 2016) down to the finest scale; takes a start flow."""
-    matcher = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    matcher = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     matcher.setFinestScale(0)
     matcher.setPatchSize(8)
     matcher.setPatchStride(4)
@@ -37,9 +37,10 @@ def dis(reference: GreyImage, image: GreyImage) -> FloatMap:
 
 def farneback(reference: GreyImage, image: GreyImage) -> FloatMap:
     """Polynomial expansion (Farneback, SCIA 2003)."""
-    settings = {"pyr_scale": 0.5, "levels": 4, "winsize": 15, "iterations": 5}
+    start = np.zeros((*image.shape, 2), np.float32)
+    pyramid, window, iterations, polynomial = (0.5, 4), 15, 5, (5, 1.1)
     flow = cv2.calcOpticalFlowFarneback(
-        image, reference, None, **settings, poly_n=5, poly_sigma=1.1, flags=0
+        image, reference, start, *pyramid, window, iterations, *polynomial, 0
     )
     return np.asarray(flow)
 

@@ -79,5 +79,5 @@ class OnnxFlow:
     def _restored(self, flow: FloatMap, shape: tuple[int, ...]) -> FloatMap:
         if not self._size:
             return flow[: shape[0], : shape[1]]
-        scale = np.float32([shape[1] / self._size[0], shape[0] / self._size[1]])
+        scale = np.array([shape[1] / self._size[0], shape[0] / self._size[1]], np.float32)
         return np.asarray(cv2.resize(flow, (shape[1], shape[0])) * scale)

@@ -51,7 +51,7 @@ def blur(image: FloatMap, sigma_px: float) -> FloatMap:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
 
 
-def gradients(image: FloatMap) -> tuple[FloatMap, FloatMap]:
+def gradients(image: np.ndarray) -> tuple[FloatMap, FloatMap]:
     """The slopes along x and y, grey levels per px (Scharr)."""
     along_x = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32)
     along_y = cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32)

@@ -51,9 +51,7 @@ def read_named_poses(path: Path, camera: Camera | None = None) -> NamedPoses:
     found = Trajectory.load(path)
     if camera is not None:
         found = replace(found, camera=camera)
-    return NamedPoses(
-        trajectory=found, names=("",) * len(found), has_times=True, has_indices=True
-    )
+    return NamedPoses(trajectory=found, names=("",) * len(found), has_times=True, has_indices=True)
 
 
 def read_poses(path: Path, camera: Camera | None = None) -> Trajectory:
@@ -77,6 +75,7 @@ def write_colmap_model(
     """Writes a binary COLMAP model; its points have no tracks.
 
     Args:
+        trajectory: The poses and the camera.
         points_in_world: (M, 3).
         folder: Made where it is missing.
         names: Image names; ``{index:06d}.png`` by default.

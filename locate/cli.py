@@ -100,7 +100,8 @@ def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None
         job = Run(config, output, force=force, report=silent if verbose else report)
         with journal(output / "log.jsonl", console=err if verbose else None):
             plume_map = job.run()
-    out.print(map_table(plume_map))
+    found = plume_map.plumes or plume_map.bearings
+    out.print(map_table(plume_map) if found else plume_map.limit_text())
     for note in plume_map.notes:
         out.print(f"- {note}")
     out.print(f"\nReport: {output / 'report.html'}", soft_wrap=True)

@@ -51,7 +51,7 @@ class Run:
         recorded = self._recorded()
         self._detect(recorded)
         self._decide(recorded)
-        self._publish()
+        self._publish(recorded)
         return PlumeMap.load(self.root / "map.json")
 
     def _frames(self) -> None:
@@ -221,14 +221,18 @@ class Run:
         how = "guessed" if self._key_frames.static else "estimated from the frames"
         return (f"The focal length is {how}; give it with --focal or --camera if you know it.",)
 
-    def _publish(self) -> None:
+    def _publish(self, recorded: Recorded) -> None:
         self._report("report", -1)
         self.folder.stage(
             "report",
             after=("fusion",),
             inputs={},
             build=lambda folder: publish(
-                self.root, folder, stages=self.folder.times, settings=self.config.to_plain()
+                self.root,
+                folder,
+                recorded,
+                stages=self.folder.times,
+                settings=self.config.to_plain(),
             ),
         )
         self._report("report", 1)

@@ -4,17 +4,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import Box
-from geometry.trajectory import Trajectory
 from locate import __version__
 from locate.export.geojson import write_geojson
 from locate.export.ply import write_plumes_ply
 from locate.export.report import ReportFrame, StageTime, write_report
-from locate.observe import load_detections, load_points
+from locate.observe import Recorded, load_detections, load_points
 from locate.plume import Plume, PlumeMap
 
 SHOWN_FRAMES = 8
@@ -22,19 +20,23 @@ REACH_RADII = 1.5
 
 
 def publish(
-    root: Path, folder: Path, *, stages: Sequence[StageTime], settings: Mapping[str, Any]
+    root: Path,
+    folder: Path,
+    recorded: Recorded,
+    *,
+    stages: Sequence[StageTime],
+    settings: Mapping[str, Any],
 ) -> str:
     """Writes plumes.ply, plumes.geojson where the map is georeferenced, and report.html.
 
     Args:
         root: The run folder with its earlier stages.
         folder: Where to write.
+        recorded: The frames of the run.
         stages: What they cost.
         settings: What the run was told.
     """
     plume_map = PlumeMap.load(root / "map.json")
-    path = root / "trajectory.json"
-    trajectory = Trajectory.load(path) if path.exists() else None
     voxels = plume_voxels(root / "evidence.npz", plume_map)
     write_plumes_ply(
         folder / "plumes.ply",
@@ -48,15 +50,14 @@ def publish(
     write_report(
         folder / "report.html",
         plume_map=plume_map,
-        trajectory=trajectory,
+        trajectory=recorded.trajectory,
         points_in_world=np.zeros((0, 3)) if points is None else points,
         voxels_in_world=voxels[:, :3],
         voxel_probability=voxels[:, 3],
-        frames=_report_frames(root, plume_map, trajectory),
+        frames=_report_frames(root, recorded, plume_map),
         stages=stages,
         settings={name: str(value) for name, value in settings.items() if value is not None}
         | {"version": __version__},
-        notes=plume_map.notes,
     )
     return "report.html, plumes.ply"
 
@@ -91,21 +92,22 @@ def _inside(plume: Plume, points: FloatArray, voxel: float) -> np.ndarray:
     return np.asarray(within & (across <= REACH_RADII * radius + voxel / 2))
 
 
-def _report_frames(
-    root: Path, plume_map: PlumeMap, trajectory: Trajectory | None
-) -> list[ReportFrame]:
+def _report_frames(root: Path, recorded: Recorded, plume_map: PlumeMap) -> list[ReportFrame]:
     _, indices, detections = load_detections(root / "detections")
-    shown = np.unique(np.linspace(0, len(indices) - 1, SHOWN_FRAMES).astype(int))
-    frames = []
-    for k in shown:
-        path = root / "frames" / f"{indices[k]:06d}.png"
-        image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8)
-        source_px = None
+    rows = recorded.rows(indices)
+    frames, trajectory = recorded.frames(), recorded.undistorted_trajectory()
+    shown = []
+    for k in np.unique(np.linspace(0, len(indices) - 1, SHOWN_FRAMES).astype(int)):
+        row, source_px = int(rows[k]), None
         if trajectory is not None and plume_map.plumes:
-            row = int(np.searchsorted(trajectory.indices, indices[k]))
             sources = np.array([plume.source for plume in plume_map.plumes])
             source_px = trajectory.project(row, sources)
-        frames.append(
-            ReportFrame(index=indices[k], image=image, llr=detections[k].llr, source_px=source_px)
+        shown.append(
+            ReportFrame(
+                index=indices[k],
+                image=frames.images[row],
+                llr=detections[k].llr,
+                source_px=source_px,
+            )
         )
-    return frames
+    return shown

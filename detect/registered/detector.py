@@ -16,9 +16,10 @@ KNOWN_TEXTURE = 1.0
 EDGE_HALF_PX = 3.0
 EDGE_SHARE = 0.1
 EDGE_MOST_PX = 8.0
-MODEL_FLOOR_PX = 0.06
+MODEL_FLOOR_PX = 0.04
 MEASURED_TEXTURE = 0.3
 KEY_NOISE = 1.0
+GAIN_ERROR = 0.3
 
 
 class RegisteredDetector:
@@ -41,11 +42,14 @@ class RegisteredDetector:
         self._points_in_world = points_in_world
 
     def detect(self, frames: Frames, index: int) -> Detection:
-        """Measures frame `index`; w is zero-mean up to a quadratic in the image position.
+        """Measures frame `index`; what looks like an error of its pose is taken out of w.
+
+        A frame with fewer than two neighbours that overlap and show parallax says nothing: llr 0,
+        sigma inf.
 
         Raises:
-            BadInputError: The frames have no poses, poses and frames differ in number, or no
-                other frame shows parallax.
+            BadInputError: The frames have no poses, poses and frames differ in number, or the
+                camera shows no parallax at all.
         """
         trajectory = frames.trajectory
         if trajectory is None:
@@ -53,12 +57,13 @@ class RegisteredDetector:
         if len(trajectory) != len(frames):
             raise BadInputError(f"{len(frames)} frames but {len(trajectory)} poses: give one each")
         inverse_depth = self._typical_inverse_depth(frames, trajectory, index)
+        if not np.isfinite(inverse_depth):
+            raise BadInputError(
+                f"no frame shows parallax against frame {index}; use bos for a still camera"
+            )
         rows = choose_neighbours(trajectory, index, inverse_depth, self._count)
         if len(rows) < 2:
-            raise BadInputError(
-                f"frame {index} has {len(rows)} neighbours that show its scene with parallax, "
-                "at least 2 are needed; use bos for a still camera"
-            )
+            return silent(frames.images[index].shape)
         neighbours = [
             Neighbour(
                 image=frames.images[row],
@@ -80,17 +85,34 @@ class RegisteredDetector:
         return float(1 / np.median(points[seen, 2]))
 
 
+def silent(shape: tuple[int, ...]) -> Detection:
+    """The detection of a frame that nothing could be measured in."""
+    nothing = np.zeros(shape, np.float32)
+    return Detection(
+        displacement=np.zeros((*shape, 2), np.float32),
+        sigma_px=nothing + np.inf,
+        llr=nothing,
+        inverse_depth=nothing + np.nan,
+    )
+
+
 def judged(measurement: Measurement, inverse_depth_unit: float) -> Detection:
-    """The detection a measurement supports; the unit is 1 / world unit."""
+    """The detection a measurement supports; the unit is 1 / world unit.
+
+    The neighbours look through the plume too, so part of w cancels: sigma grows with w, by a
+    share that was measured on simulated scenes.
+    """
     sigma_px = displacement_sigma(measurement)
     llr, sigma_px = displacement_evidence(
         measurement.displacement, sigma_px, measurement.texture, trust(measurement)
     )
+    size = np.linalg.norm(measurement.displacement, axis=-1)
+    sigma_px = np.hypot(sigma_px, GAIN_ERROR * size)
     known = measurement.texture > KNOWN_TEXTURE
     inverse_depth = np.where(known, measurement.relative_inverse_depth, np.nan)
     return Detection(
         displacement=measurement.displacement.astype(np.float32),
-        sigma_px=sigma_px,
+        sigma_px=sigma_px.astype(np.float32),
         llr=llr,
         inverse_depth=(inverse_depth * inverse_depth_unit).astype(np.float32),
     )

@@ -99,7 +99,7 @@ class Registration:
         x, y = self._pixels[..., 0] + flow[..., 0], self._pixels[..., 1] + flow[..., 1]
         inside_x = (x > BORDER_PX) & (x < width - 1 - BORDER_PX)
         inside_y = (y > BORDER_PX) & (y < height - 1 - BORDER_PX)
-        return (inside_x & inside_y).astype(np.float32)
+        return np.asarray(inside_x & inside_y, dtype=np.float32)
 
     def _step_depth(self, step: FloatMap) -> None:
         moved = np.clip(self._inverse_depth + step, 0, NEAREST)
@@ -116,14 +116,14 @@ class Registration:
         return flows
 
     def _refine_depth(self, flows: list[FloatMap]) -> None:
-        along, steepness = np.float32(0), TINY
+        along, steepness = np.zeros((2, *self._image.shape), np.float32)
         for flow, neighbour in zip(flows, self._neighbours, strict=False):
             predicted, slope = self._predict(neighbour)
             error, lever = as_complex(flow - predicted), as_complex(slope)
             weight = self._visible(flow) / (1 + squared(error) / 4)
-            along = along + weight * dot(error, lever)
-            steepness = steepness + weight * squared(lever)
-        self._step_depth(along / steepness)
+            along += weight * dot(error, lever)
+            steepness += weight * squared(lever)
+        self._step_depth(along / (steepness + TINY))
 
     def _first_stage(self, flows: list[FloatMap]) -> list[FloatMap]:
         """Takes the pose error out of every neighbour and sets the depth; returns those errors."""

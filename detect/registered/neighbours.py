@@ -6,11 +6,12 @@ import numpy as np
 from detect.detection import Frames
 from detect.flow import dis_matcher
 from detect.warp import pixel_grid
-from geometry.arrays import FloatArray, FloatMap
+from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.epipolar import Epipolar
 from geometry.trajectory import Trajectory
 
 WANTED_PARALLAX = (0.03, 0.045, 0.06, 0.09)
+MOST_PARALLAX = 0.4
 SHRINK = 4
 ENOUGH_PARALLAX = 0.01
 MIN_OVERLAP = 0.5
@@ -28,28 +29,30 @@ def choose_neighbours(
         count: How many neighbours; fewer where the path is short.
 
     Returns:
-        Rows of the trajectory, by parallax; half before and half after `index` where both exist.
+        Rows of the trajectory, by parallax; half before and half after `index`, more of one side
+        where the other has too few.
     """
     parallax = parallaxes(trajectory, index, inverse_depth)
     rows = np.arange(len(trajectory))
-    before, after = rows[:index][::-1], rows[index + 1 :]
-    half = count // 2
-    chosen = _fitting(before, parallax, half) + _fitting(after, parallax, half)
+    usable = (parallax > 0) & (parallax < MOST_PARALLAX)
+    before, after = rows[:index][usable[:index]], rows[index + 1 :][usable[index + 1 :]]
+    from_before = min(len(before), max(count // 2, count - len(after)))
+    chosen = _fitting(before, parallax, from_before)
+    chosen += _fitting(after, parallax, count - from_before)
     return sorted(chosen, key=lambda row: float(parallax[row]))
 
 
-def _fitting(rows: np.ndarray, parallax: FloatArray, count: int) -> list[int]:
-    """The rows nearest to the wanted parallaxes, each once; those that overlap too little never."""
-    free = [int(row) for row in rows if np.isfinite(parallax[row]) and parallax[row] > 0]
+def _fitting(rows: IntArray, parallax: FloatArray, count: int) -> list[int]:
+    """The rows nearest to the wanted parallaxes, each once."""
+    free = rows.tolist()
     wanted = np.interp(
         np.linspace(0, 1, count), np.linspace(0, 1, len(WANTED_PARALLAX)), WANTED_PARALLAX
     )
     chosen: list[int] = []
-    for goal in wanted:
-        if free:
-            best = min(free, key=lambda row: abs(float(np.log(parallax[row] / goal))))
-            free.remove(best)
-            chosen.append(best)
+    for goal in wanted[: len(free)]:
+        best = min(free, key=lambda row: abs(float(np.log(parallax[row] / goal))))
+        free.remove(best)
+        chosen.append(best)
     return chosen
 
 

@@ -28,11 +28,14 @@ MAX_DISAGREEMENT = 0.05
 MAX_ROTATION_DISAGREEMENT_DEG = 2.0
 MAX_ROUGHNESS = 1.2
 SUPPORT_PX = 3.0
-MIN_SUPPORT = 0.8
+MIN_SUPPORT = 0.6
+MIN_SUPPORT_ALONE = 0.85
 OPINION_FRAMES = 12
 
 CURES = {
-    RegistrationFailure.TOO_FEW_FRAMES: "record at least a few seconds while moving, or give more photos",
+    RegistrationFailure.TOO_FEW_FRAMES: (
+        "record at least a few seconds while moving, or give more photos"
+    ),
     RegistrationFailure.STATIC_CAMERA: (
         "one viewpoint shows directions and not positions; move the camera sideways, "
         "or use the bos detector for bearings"
@@ -81,7 +84,9 @@ def check_matches(pairs: Sequence[MatchedPair], camera: Camera, count: int) -> N
     """
     if len(pairs) < count - 1:
         raise fail(
-            RegistrationFailure.LOW_TEXTURE if len(pairs) == 0 else RegistrationFailure.SPLIT_MODELS,
+            RegistrationFailure.LOW_TEXTURE
+            if len(pairs) == 0
+            else RegistrationFailure.SPLIT_MODELS,
             f"only {len(pairs)} pairs of {count} images match",
         )
     side = max(camera.width, camera.height)
@@ -104,7 +109,9 @@ def rotation_residual_px(pair: MatchedPair, camera: Camera) -> float:
     centre = np.array([camera.width, camera.height]) / 2
     for factor in np.geomspace(0.5, 2.0, 9):
         focal_px = camera.focal_px * factor
-        rays = np.concatenate([pair.pixels - centre, np.full((*pair.pixels.shape[:2], 1), focal_px)], axis=2)
+        rays = np.concatenate(
+            [pair.pixels - centre, np.full((*pair.pixels.shape[:2], 1), focal_px)], axis=2
+        )
         rays /= np.linalg.norm(rays, axis=2, keepdims=True)
         rotation, _ = Rotation.align_vectors(rays[:, 1], rays[:, 0])
         moved = rotation.apply(rays[:, 0])
@@ -237,7 +244,9 @@ def epipolar_support(
         first, second = (np.concatenate([r, np.ones((len(r), 1))], axis=1) for r in rays)
         line_2, line_1 = first @ essential.T, second @ essential
         algebraic = (second * line_2).sum(axis=1) ** 2
-        squared = algebraic / np.maximum((line_2[:, :2] ** 2 + line_1[:, :2] ** 2).sum(axis=1), 1e-300)
+        squared = algebraic / np.maximum(
+            (line_2[:, :2] ** 2 + line_1[:, :2] ** 2).sum(axis=1), 1e-300
+        )
         error_px = np.sqrt(squared) * camera.mean_focal_length()
         shares.append(float(np.mean(error_px < SUPPORT_PX)))
     return float(np.mean(shares)) if shares else 0.0

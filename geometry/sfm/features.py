@@ -49,6 +49,10 @@ def extract(
     """Finds features in every image; all images share `camera`.
 
     Args:
+        database: Written anew.
+        image_dir: Folder of the images.
+        names: File names in it.
+        camera: What to start from.
         on_share: Called with the share of the images done.
 
     Returns:

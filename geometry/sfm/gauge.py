@@ -10,7 +10,8 @@ VIEW_DISTANCE = 10.0
 MAX_TILT_DEG = 35.0
 PLANE_TRIALS = 400
 PLANE_TOLERANCE = 0.02
-MIN_PLANE_SHARE = 0.15
+MIN_PLANE_SHARE = 0.1
+MIN_SURVEY_SHARE = 0.5
 MIN_SURVEY_TURN = 0.5
 MIN_SURVEY_ASPECT = 0.25
 SEED = 0
@@ -21,8 +22,9 @@ def normalising_transform(
 ) -> tuple[Similarity, str]:
     """``scene_from_world``: Z up as a guess, origin in the points, cameras 10 units from them.
 
-    Up is the normal of the plane most points lie on, or the mean up axis of the cameras where that
-    plane is more than `MAX_TILT_DEG` off it (a wall) or holds too few points.
+    Up is the normal of the plane that most points lie on among those within `MAX_TILT_DEG` of the
+    cameras' mean up axis (so no wall), that axis itself where such a plane holds too few points,
+    or the normal of what the cameras look straight down on.
 
     Args:
         trajectory: In the world frame of the reconstruction.
@@ -36,40 +38,48 @@ def normalising_transform(
     camera_up /= max(float(np.linalg.norm(camera_up)), 1e-9)
     forward = trajectory.rotations[:, 2, :].mean(axis=0)
     up, source = camera_up, "camera"
-    normal, share = dominant_plane(points_in_world, PLANE_TOLERANCE * view_distance)
-    normal = normal * (1.0 if _side(normal, camera_up, forward) >= 0 else -1.0)
-    tilt_deg = float(np.degrees(np.arccos(np.clip(normal @ camera_up, -1, 1))))
-    if share >= MIN_PLANE_SHARE and (tilt_deg <= MAX_TILT_DEG or _looks_down(normal, trajectory)):
-        up, source = normal, "plane"
+    tolerance = PLANE_TOLERANCE * view_distance
+    ground, ground_share = dominant_plane(points_in_world, tolerance, near=camera_up)
+    below, below_share = dominant_plane(points_in_world, tolerance, near=-forward)
+    if below_share >= MIN_SURVEY_SHARE and _looks_down(below, trajectory):
+        up, source = below, "plane"
+    elif ground_share >= MIN_PLANE_SHARE:
+        up, source = ground, "plane"
     rotation = _rotation_with_z(up, forward)
     scale = VIEW_DISTANCE / view_distance
-    translation = -scale * rotation @ np.median(points_in_world, axis=0)
+    translation = -scale * np.median(points_in_world @ rotation.T, axis=0)
     return Similarity(scale=scale, rotation=rotation, translation=translation), source
 
 
-def dominant_plane(points: FloatArray, tolerance: float) -> tuple[FloatArray, float]:
-    """Unit normal of the plane with most points within `tolerance`, and their share (RANSAC)."""
+def dominant_plane(
+    points: FloatArray, tolerance: float, near: FloatArray
+) -> tuple[FloatArray, float]:
+    """The plane with most points within `tolerance`, its normal within `MAX_TILT_DEG` of `near`.
+
+    RANSAC, then two fits to ever closer points.
+
+    Returns:
+        The unit normal on the side of `near`, and the share of points on the plane (0 for none).
+    """
     if len(points) < 10:
-        return np.array([0.0, 0.0, 1.0]), 0.0
+        return near, 0.0
     random = np.random.default_rng(SEED)
     triples = points[random.integers(len(points), size=(PLANE_TRIALS, 3))]
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    usable = lengths > 1e-12 * max(float(lengths.max()), 1e-300)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    usable = np.abs(normals @ near) > np.cos(np.radians(MAX_TILT_DEG)) * np.linalg.norm(near)
     if not usable.any():
-        return np.array([0.0, 0.0, 1.0]), 0.0
-    normals, anchors = normals[usable] / lengths[usable, None], triples[usable, 0]
-    distances = np.abs(points @ normals.T - np.einsum("ij,ij->i", normals, anchors))
-    best = int(np.argmax((distances < tolerance).sum(axis=0)))
-    inside = points[distances[:, best] < tolerance]
-    _, _, axes = np.linalg.svd(inside - inside.mean(axis=0), full_matrices=False)
-    return np.asarray(axes[2]), len(inside) / len(points)
-
-
-def _side(normal: FloatArray, camera_up: FloatArray, forward: FloatArray) -> float:
-    """Positive where `normal` points up: with the cameras' up, or against a view from above."""
-    along_up = float(normal @ camera_up)
-    return along_up if abs(along_up) > 0.3 else -float(normal @ forward)
+        return near, 0.0
+    normals, offsets = normals[usable], np.einsum("ij,ij->i", normals, triples[:, 0])[usable]
+    counts = (np.abs(points @ normals.T - offsets) < tolerance).sum(axis=0)
+    best = int(np.argmax(counts))
+    normal, offset = normals[best], float(offsets[best])
+    for shrink in (1.0, 0.4):
+        inside = points[np.abs(points @ normal - offset) < shrink * tolerance]
+        if len(inside) >= 3:
+            normal = np.linalg.svd(inside - inside.mean(axis=0), full_matrices=False)[2][2]
+            offset = float(np.median(inside @ normal))
+    return np.asarray(normal if normal @ near >= 0 else -normal), float(counts[best] / len(points))
 
 
 def _looks_down(normal: FloatArray, trajectory: Trajectory) -> bool:

@@ -42,6 +42,10 @@ def map_incrementally(
     """One image after the other (Schönberger and Frahm, CVPR 2016); the largest model first.
 
     Args:
+        database: Features and matches.
+        image_dir: Folder of the images.
+        output: Where COLMAP writes the models.
+        refine_camera: Estimate the intrinsics too.
         names: Use these images only; all where empty.
         on_image: Called after each image that was added.
     """
@@ -57,7 +61,7 @@ def map_incrementally(
     options.mapper.abs_pose_refine_extra_params = refine_camera
     output.mkdir(parents=True, exist_ok=True)
     models = pycolmap.incremental_mapping(
-        database, image_dir, output, options, next_image_callback=on_image
+        database, image_dir, output, options, next_image_callback=on_image or _nothing
     )
     return _by_size(models)
 
@@ -83,6 +87,10 @@ def adjust(model: pycolmap.Reconstruction, *, refine_camera: bool) -> None:
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
     model.update_point_3d_errors()
+
+
+def _nothing() -> None:
+    """The callback of those who ask for none."""
 
 
 def _by_size(models: dict[int, pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:

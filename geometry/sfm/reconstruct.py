@@ -10,7 +10,7 @@ import pycolmap
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
-from geometry.errors import BadInputError, RegistrationFailure
+from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.sfm import checks, features, mapping, result, summary
 from geometry.sfm.covariance import pose_covariances
 from geometry.sfm.gauge import normalising_transform
@@ -134,7 +134,8 @@ def _solve(job: _Job) -> _Solution:
         witness = models if complete else subset
         support = _support(full[0], job)
         opinion = _compare(full[0], witness[0]) if witness else checks.NO_OPINION
-        if support >= checks.MIN_SUPPORT and (opinion.tolerable or complete):
+        needed = checks.MIN_SUPPORT if opinion.tolerable else checks.MIN_SUPPORT_ALONE
+        if support >= needed and (opinion.tolerable or complete):
             return _Solution(model=full[0], method="incremental", opinion=opinion)
         reasons.append(f"incremental and {'global' if complete else 'subset'} differ too")
     raise _no_model(job, full or models, reasons)
@@ -196,7 +197,7 @@ def _compare(a: pycolmap.Reconstruction, b: pycolmap.Reconstruction) -> checks.D
 
 def _no_model(
     job: _Job, models: list[pycolmap.Reconstruction], reasons: list[str]
-) -> checks.RegistrationError:
+) -> RegistrationError:
     count = len(job.names)
     connected, parts = checks.largest_component(job.pairs, count)
     if reasons:
@@ -204,7 +205,9 @@ def _no_model(
     registered = models[0].num_reg_images() if models else 0
     what = f"{registered} of {count} frames registered"
     if parts > 1 or len(models) > 1:
-        return checks.fail(RegistrationFailure.SPLIT_MODELS, f"{what}, in {max(parts, len(models))} parts")
+        return checks.fail(
+            RegistrationFailure.SPLIT_MODELS, f"{what}, in {max(parts, len(models))} parts"
+        )
     if connected < checks.MIN_SHARE * count or models:
         return checks.fail(RegistrationFailure.LOW_TEXTURE, what)
     return checks.fail(RegistrationFailure.PURE_ROTATION, f"{what}, no depth to be seen")

@@ -1,5 +1,6 @@
 """The verdict as a table in the terminal."""
 
+import math
 from collections.abc import Iterator
 
 from rich.table import Table
@@ -53,6 +54,9 @@ def _frames(evaluation: Evaluation) -> Iterator[Row]:
         return
     median = evaluation.frame_median
     yield "frames scored", f"{len(evaluation.frames)}", ""
+    if math.isnan(median("auroc")):
+        yield "frames that show a plume", "0", ""
+        return
     yield "evidence AUROC, median", f"{median('auroc'):.3f}", ""
     yield "evidence AP, median", f"{median('average_precision'):.3f}", ""
     yield "share of the mask, median", f"{median('prior'):.3f}", ""

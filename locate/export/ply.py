@@ -1,10 +1,12 @@
 """The voxels of the plumes as a binary PLY point cloud."""
 
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
 from geometry.arrays import FloatArray
+from geometry.errors import LocateError
 from geometry.open3d_loader import load_open3d
 
 
@@ -32,21 +34,31 @@ def write_plumes_ply(
         raise ValueError(
             f"{probability.shape=}, {displacement_px.shape=}, expected ({n},) for {n} points"
         )
-    if n == 0:
-        path.write_bytes(_EMPTY)
+    columns = np.column_stack([points_in_world, probability, displacement_px]).astype(np.float32)
+    o3d = _open3d() if n else None
+    if o3d is None:
+        path.write_bytes(_HEADER.format(n).encode() + columns.astype("<f4").tobytes())
         return
-    o3d = load_open3d()
-    cloud = o3d.t.geometry.PointCloud(np.ascontiguousarray(points_in_world, dtype=np.float32))
-    # A 1-D attribute makes open3d return False without an error: columns it must be.
-    cloud.point["probability"] = probability.astype(np.float32)[:, None]
-    cloud.point["displacement"] = displacement_px.astype(np.float32)[:, None]
+    cloud = o3d.t.geometry.PointCloud(np.ascontiguousarray(columns[:, :3]))
+    # A 1-D attribute makes open3d return False without an error: columns they must be.
+    cloud.point["probability"] = columns[:, 3:4]
+    cloud.point["displacement"] = columns[:, 4:5]
     if not o3d.t.io.write_point_cloud(str(path), cloud, write_ascii=False):
         raise OSError(f"{path}: open3d could not write the point cloud")
 
 
-_EMPTY = b"""ply
+def _open3d() -> ModuleType | None:
+    """open3d; None on a machine that lacks the graphics libraries it wants."""
+    try:
+        return load_open3d()
+    except LocateError:
+        return None
+
+
+# For what open3d does not write: a cloud without points, and on a machine where it does not start.
+_HEADER = """ply
 format binary_little_endian 1.0
-element vertex 0
+element vertex {}
 property float x
 property float y
 property float z

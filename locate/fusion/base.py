@@ -15,7 +15,7 @@ from geometry.grid import lever
 from locate.fusion.column import HEIGHT, score, slabs, spine
 from locate.fusion.views import Views
 
-STEP_UNITS = 0.04
+STEP_UNITS = 0.02
 REACH_BELOW_UNITS = 3.0
 OCCLUDER_LEVER = -0.12
 FEWEST_CONTACTS = 2

@@ -22,6 +22,7 @@ HEIGHT_GAUGE_UNITS = 1e-3
 NODE_PRIOR_UNITS = 100.0
 NOISE_FLOOR_PX = 0.15
 STRONGEST_CORRELATION = 0.7
+WILD_SIGMAS = 3.0
 CAUCHY_K = 2.0
 FEWEST_VIEWS = 2
 
@@ -101,13 +102,15 @@ def estimate_axis(
 
 
 def _noise_px(offsets: FloatArray) -> float:
-    """Sigma of one view's offset, from the scatter over views.
+    """Sigma of one view's offset, from the scatter over views, the wildest of them reined in.
 
     Views close in time see the same meander of the plume, so the scatter is widened by what its
     lag-one correlation takes from the number of independent views.
     """
     centred = offsets - np.median(offsets)
-    scatter = 1.4826 * float(np.median(np.abs(centred)))
+    typical = np.hypot(1.4826 * np.median(np.abs(centred)), NOISE_FLOOR_PX)
+    centred = centred.clip(-WILD_SIGMAS * typical, WILD_SIGMAS * typical)
+    scatter = float(np.sqrt((centred**2).mean()))
     power = float((centred**2).sum())
     lag = float((centred[1:] * centred[:-1]).sum()) / power if power > 0 else 0.0
     lag = min(max(lag, 0.0), STRONGEST_CORRELATION)

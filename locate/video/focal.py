@@ -68,8 +68,8 @@ def _checked(relative: float, source: str) -> FocalPrior | None:
 
 def _from_camera_database(path: Path) -> FocalPrior | None:
     bitmap = pycolmap.Bitmap.read(str(path), as_rgb=False)
-    focal_px = bitmap.exif_focal_length() if bitmap is not None else None
-    if not focal_px:
+    focal_px = None if bitmap is None else bitmap.exif_focal_length()
+    if bitmap is None or not focal_px:
         return None
     side = max(bitmap.width, bitmap.height)
     return _checked(float(focal_px) / side, "EXIF FocalLength and sensor database")

@@ -171,8 +171,8 @@ def _write(
         if frame.index not in wanted:
             continue
         key = wanted[frame.index]
-        if not cv2.imwrite(str(folder / key.name), frame.image):
-            raise BadInputError(f"{folder / key.name}: cannot be written")
+        _, encoded = cv2.imencode(".png", frame.image)
+        (folder / key.name).write_bytes(encoded.tobytes())
         thumb = thumbnail(frame.image, THUMBNAIL_SIDE)
         motion_px = 0.0 if previous is None else median_motion(previous, thumb) * scale
         written.append(replace(key, motion_px=motion_px))

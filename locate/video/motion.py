@@ -43,7 +43,9 @@ def sharpness(image: GreyImage) -> float:
 def thumbnail(image: GreyImage, side: int) -> GreyImage:
     """The image reduced to `side` px on the longest side."""
     factor = min(1.0, side / max(image.shape))
-    return cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    return np.asarray(
+        cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8
+    )
 
 
 class StillnessTest:

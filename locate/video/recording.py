@@ -81,7 +81,10 @@ class Recording:
     def _resized(self, image: GreyImage) -> GreyImage:
         if image.shape == (self.height, self.width):
             return image
-        return cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_AREA)
+        return np.asarray(
+            cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_AREA),
+            dtype=np.uint8,
+        )
 
 
 def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording:

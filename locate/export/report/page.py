@@ -70,7 +70,7 @@ def write_report(
         frames: Frames to show with their evidence.
         stages: Times of the run.
         settings: Settings and versions, as the reader should see them.
-        notes: Sentences for the section on limits, beside those of the map.
+        notes: Sentences for the section on limits, beside the notes of the map itself.
     """
     spatial = None
     if trajectory is not None:
@@ -85,7 +85,7 @@ def write_report(
         scene="" if spatial is None else _resource("scene.html"),
         pictures=_pictures(frames, plume_map),
         table=_answer_table(plume_map),
-        limits=_list([*words.limits(plume_map, trajectory), *plume_map.notes, *notes]),
+        limits=_list([*words.limits(plume_map, trajectory), *notes]),
         stages=_stage_table(stages),
         settings=_definitions(settings),
         script="" if spatial is None else _scripts(spatial),

@@ -66,13 +66,14 @@ def _voxels(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
     if len(voxels) == 0:
         return []
     strongest = np.argsort(probability)[::-1][:MAX_VOXELS]
-    trace = _scatter(voxels[strongest], name="evidence", size=2.2, color="")
+    size, opacity = (2.2, 0.2) if len(strongest) > 1000 else (4.0, 0.45)
+    trace = _scatter(voxels[strongest], name="evidence", size=size, color="")
     trace["marker"] |= {
         "color": _packed(probability[strongest]),
         "colorscale": _COLORSCALE,
         "cmin": 0,
         "cmax": 1,
-        "opacity": 0.2,
+        "opacity": opacity,
         "colorbar": {
             "title": {"text": "probability"},
             "len": 0.45,

@@ -49,18 +49,11 @@ def facts(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[tuple[
 
 
 def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
-    """What the answer does not say, in plain words."""
+    """What the answer does not say, in plain words; the notes of the map included."""
     yield plume_map.limit_text()
+    yield from plume_map.notes
     if trajectory is None:
-        yield "The camera stood still: one viewpoint gives directions, not positions."
         return
-    if plume_map.units == "scene":
-        yield (
-            "The scale is unknown: lengths are in scene units, not metres. A known distance, "
-            "GPS or metric poses would fix it."
-        )
-    if not plume_map.gravity:
-        yield "Which way is up is a guess from the pictures; nothing measured gravity."
     if plume_map.georeference is None:
         yield "The map is not tied to the Earth: x, y, z are local."
     for plume in plume_map.plumes:
@@ -73,7 +66,8 @@ def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
             )
         if len(plume.views) == 1:
             yield f"Plume {plume.id} was seen by one frame only: its distance is weak."
-    yield (
-        "A covariance covers noise in the pictures and poses, as far as the model goes; "
-        "it does not cover wind that bends the plume or a source that moves."
-    )
+    if plume_map.plumes:
+        yield (
+            "The covariance covers noise in the pictures and poses, as far as the model goes; "
+            "it does not cover wind that bends the plume or a source that moves."
+        )

@@ -1,0 +1,43 @@
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: help demo test bench lint clean
+
+help:
+	@echo "make demo    run the bundled sample, then open out/demo/report.html"
+	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
+	@echo "make bench   the slow tests: accuracy over many seeds, real recordings"
+	@echo "make lint    ruff, mypy and import-linter only"
+
+demo: $(VENV)/runtime.stamp
+	$(BIN)/locate demo -o out/demo
+
+test: lint
+	$(BIN)/python -m pytest -m "not slow"
+	tests/wheel_check.sh $(BIN)/python
+
+bench: $(VENV)/dev.stamp
+	$(BIN)/python -m pytest -m slow
+
+lint: $(VENV)/dev.stamp
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean:
+	rm -rf build dist out
+
+$(BIN)/python:
+	.ci/venv $(VENV)
+
+$(VENV)/runtime.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing; the first time takes a minute or two."
+	$(INSTALL) -e .
+	@touch $@
+
+$(VENV)/dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing with the tools for development; the first time takes a minute or two."
+	$(INSTALL) -e ".[dev]"
+	@touch $@ $(VENV)/runtime.stamp

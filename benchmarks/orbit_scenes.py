@@ -1,0 +1,112 @@
+"""The whole chain on random plants, with and without a leak, against the truth.
+
+    python benchmarks/orbit_scenes.py --seeds 10 --work work/orbit
+
+Each scene is 60 frames of 640x480 on an arc of 60 degrees, filmed losslessly; poses come from
+structure from motion. Renderings are kept in the work folder and used again.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from geometry.errors import LocateError
+from geometry.trajectory import Trajectory
+from locate.config import RunConfig
+from locate.evaluate import Evaluation, evaluate
+from locate.pipeline import Run
+from locate.plume import PlumeMap
+from locate.simulation import random_scene, simulate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """One scene: what came out, and what it cost."""
+
+    evaluation: Evaluation | None
+    plume_map: PlumeMap | None
+    cpu_s: float
+    failure: str = ""
+
+
+def render(folder: Path, seed: int, *, plume: bool, amplitude_px: float, noise: float) -> None:
+    if not (folder / "truth.json").exists():
+        simulate(random_scene(seed, plume=plume, amplitude_px=amplitude_px, noise=noise), folder)
+
+
+def run(folder: Path) -> Outcome:
+    output = folder / "run"
+    started = time.process_time()
+    try:
+        plume_map = Run(RunConfig(recording=folder / "video.mkv"), output, force=True).run()
+    except LocateError as error:
+        cpu_s = time.process_time() - started
+        return Outcome(evaluation=None, plume_map=None, cpu_s=cpu_s, failure=str(error))
+    cpu_s = time.process_time() - started
+    trajectory = Trajectory.load(output / "trajectory.json")
+    evaluation = evaluate(plume_map, trajectory, folder, output / "detections")
+    return Outcome(evaluation=evaluation, plume_map=plume_map, cpu_s=cpu_s)
+
+
+def row(name: str, outcome: Outcome) -> str:
+    if outcome.evaluation is None:
+        return f"{name} | {outcome.failure}"
+    evaluation = outcome.evaluation
+    hits = "; ".join(
+        f"{p.error:.3f} m, {p.error_percent:.2f} %, NEES {p.nees:.1f}" for p in evaluation.plumes
+    )
+    auroc = evaluation.frame_median("auroc")
+    precision = evaluation.frame_median("average_precision")
+    return (
+        f"{name} | {hits or '-'} | missed {len(evaluation.misses)} | "
+        f"false {len(evaluation.false_plumes)} | AUROC {auroc:.3f} AP {precision:.3f} | "
+        f"{outcome.cpu_s:.0f} CPU s"
+    )
+
+
+def summary(leaks: list[Outcome], clean: list[Outcome]) -> str:
+    scored = [o.evaluation for o in leaks if o.evaluation is not None]
+    percent = [p.error_percent for e in scored for p in e.plumes]
+    nees = [p.nees / 3 for e in scored for p in e.plumes]
+    false_in_clean = sum(len(o.evaluation.false_plumes) for o in clean if o.evaluation)
+    lines = [
+        f"with a leak: found {len(percent)} of {len(leaks)}, "
+        f"false {sum(len(e.false_plumes) for e in scored)}",
+        f"without: {false_in_clean} false plumes in {len(clean)} scenes",
+    ]
+    if percent:
+        lines.append(
+            f"source error, % of range: median {np.median(percent):.2f}, worst {max(percent):.2f}; "
+            f"NEES/dof mean {np.mean(nees):.2f}, median {np.median(nees):.2f}"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=1000)
+    parser.add_argument("--amplitude", type=float, default=1.0, help="px")
+    parser.add_argument("--noise", type=float, default=1.0, help="of 255")
+    parser.add_argument("--work", type=Path, default=Path("work/orbit"))
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    outcomes: dict[bool, list[Outcome]] = {True: [], False: []}
+    for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
+        for plume in (True, False):
+            kind = f"{arguments.amplitude:g}px_{arguments.noise:g}" if plume else "clean"
+            folder = arguments.work / f"{kind}_{seed}"
+            render(
+                folder, seed, plume=plume, amplitude_px=arguments.amplitude, noise=arguments.noise
+            )
+            outcomes[plume].append(run(folder))
+            print(row(f"{kind}_{seed}", outcomes[plume][-1]), flush=True)
+    print(summary(outcomes[True], outcomes[False]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""Structure from motion on real photos, against ground truth, GPS or a published reconstruction.
+
+``python benchmarks/sfm_real.py [DATA_DIR] [--only NAME]`` prints a table. DATA_DIR holds `2_sfm/`.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray
+from geometry.errors import LocateError
+from geometry.pose_files import read_named_poses
+from geometry.sfm import Reconstruction, reconstruct
+from geometry.sfm.checks import compare
+from geometry.similarity import Similarity, align
+from locate.video import KeyFrames, open_recording, select_frames
+
+DEFAULT_DATA = Path(__file__).parents[1] / "../shared/data"
+Poses = dict[str, tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One line of the table."""
+
+    name: str
+    frames: str
+    method: str
+    cpu_s: float
+    truth: str
+
+
+def strecha_truth(folder: Path) -> Poses:
+    """cam_from_world rotation and centre in metres of each photo."""
+    content = json.loads((folder / "ground_truth_half_res.json").read_text())
+    return {
+        name: (np.array(p["R_cam_to_world"]).T, np.array(p["centre_world_m"]))
+        for name, p in content.items()
+    }
+
+
+def published_truth(path: Path) -> Poses:
+    """The poses of a COLMAP model or transforms.json, by file name."""
+    named = read_named_poses(path)
+    centers = named.trajectory.centers_in_world
+    return {
+        Path(name).name: (named.trajectory.rotations[i], centers[i])
+        for i, name in enumerate(named.names)
+    }
+
+
+def run(images: Path, workdir: Path) -> tuple[Reconstruction, KeyFrames]:
+    """Photos through the same doors as `locate run`."""
+    frames = select_frames(open_recording(images), workdir / "frames")
+    found = reconstruct(
+        workdir / "frames",
+        frames.names,
+        frames.indices,
+        frames.times_s,
+        focal_prior_px=frames.focal_prior_px,
+        workdir=workdir / "sfm",
+        ordered=frames.is_video,
+    )
+    return found, frames
+
+
+def against_poses(truth: Poses) -> Callable[[Reconstruction, KeyFrames], dict[str, float]]:
+    """Median centre and rotation error after a Sim(3) alignment of the centres."""
+
+    def measure(found: Reconstruction, frames: KeyFrames) -> dict[str, float]:
+        source = {frame.name: frame.source for frame in frames.frames}
+        rows = [i for i, name in enumerate(found.names) if source[name] in truth]
+        known = [truth[source[found.names[i]]] for i in rows]
+        centers = found.trajectory.centers_in_world[rows]
+        true_centers = np.array([center for _, center in known])
+        true_rotations = np.array([rotation for rotation, _ in known])
+        errors = np.linalg.norm(align(centers, true_centers)(centers) - true_centers, axis=1)
+        difference = compare(
+            found.trajectory.rotations[rows], centers, true_rotations, true_centers
+        )
+        span = float(np.sqrt(((true_centers - true_centers.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        return {
+            "center_median": float(np.median(errors)),
+            "center_share_of_span": float(np.median(errors)) / span,
+            "rotation_median_deg": difference.rotation_deg,
+        }
+
+    return measure
+
+
+def against_gps(folder: Path) -> Callable[[Reconstruction, KeyFrames], dict[str, float]]:
+    """Median distance in m to the EXIF positions after a robust Sim(3) alignment."""
+
+    def measure(found: Reconstruction, frames: KeyFrames) -> dict[str, float]:
+        source = {frame.name: frame.source for frame in frames.frames}
+        enu = local_enu([folder / source[name] for name in found.names])
+        centers = found.trajectory.centers_in_world
+        errors = np.linalg.norm(robust_align(centers, enu)(centers) - enu, axis=1)
+        return {"gps_residual_median_m": float(np.median(errors))}
+
+    return measure
+
+
+def local_enu(photos: list[Path]) -> FloatArray:
+    """(N, 3) positions from EXIF in m, east north up of the first photo."""
+    import pycolmap
+
+    bitmaps = [pycolmap.Bitmap.read(str(photo), as_rgb=False) for photo in photos]
+    positions = [(b.exif_latitude(), b.exif_longitude(), b.exif_altitude()) for b in bitmaps]
+    wgs84 = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
+    latitude, longitude, altitude = positions[0]
+    return np.asarray(wgs84.ellipsoid_to_enu(np.array(positions), latitude, longitude, altitude))
+
+
+def robust_align(source: FloatArray, target: FloatArray) -> Similarity:
+    """Sim(3) by iterative removal of the worst (residual above three medians)."""
+    kept = np.ones(len(source), dtype=bool)
+    for _ in range(10):
+        fit = align(source[kept], target[kept])
+        errors = np.linalg.norm(fit(source) - target, axis=1)
+        kept = errors < 3 * np.median(errors)
+    return fit
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", nargs="?", type=Path, default=DEFAULT_DATA)
+    parser.add_argument("--only", default="")
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    sfm = arguments.data / "2_sfm"
+    fountain, herz_jesus = sfm / "strecha_fountain-P11", sfm / "strecha_Herz-Jesus-P25"
+    brighton = sfm / "drone_brighton_beach_gps" / "images_half"
+    caliterra = sfm / "drone_caliterra_gps" / "images_half"
+    lund, fox = sfm / "lund_door", sfm / "fox_handheld"
+    sets = {
+        "fountain-P11": (fountain / "images_half", against_poses(strecha_truth(fountain))),
+        "Herz-Jesus-P25": (herz_jesus / "images_half", against_poses(strecha_truth(herz_jesus))),
+        "brighton_beach": (brighton, against_gps(brighton)),
+        "caliterra": (caliterra, against_gps(caliterra)),
+        "lund_door": (
+            lund / "images",
+            against_poses(published_truth(lund / "colmap_ground_truth")),
+        ),
+        "fox": (fox / "images", against_poses(published_truth(fox / "transforms.json"))),
+    }
+    for name, (images, measure) in sets.items():
+        if arguments.only not in name:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            start = time.process_time()
+            try:
+                found, frames = run(images, Path(folder))
+            except LocateError as error:
+                print(f"{name:15} {error}")
+                continue
+            cpu_s = time.process_time() - start
+            numbers = {k: round(v, 5) for k, v in measure(found, frames).items()}
+            report = found.report
+            print(
+                f"{name:15} {report['registered_frames']:3}/{len(frames):<3} "
+                f"{report['method']:12} {cpu_s:6.1f} s  {numbers}  "
+                f"f {report['focal_px']:.1f} (prior {report['focal_prior_px'] or 0:.1f}) "
+                f"opinion {report['second_opinion_center_share']:.4f} "
+                f"support {report['epipolar_support']:.2f} "
+                f"sigma {report['residual_sigma_px']:.2f} px up {report['up_from']}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,8 @@
+"""Recordings with a known truth: a scene, plumes that bend its light, and a camera that moves."""
+
+from locate.simulation.layouts import random_scene
+from locate.simulation.onto import render_onto
+from locate.simulation.run import simulate
+from locate.simulation.scene import Scene
+
+__all__ = ["Scene", "random_scene", "render_onto", "simulate"]

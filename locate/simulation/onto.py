@@ -1,0 +1,190 @@
+"""`locate simulate SCENE.yaml --onto PHOTOS -o DIR`: simulated plumes before real photos."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.ndimage import map_coordinates, spline_filter
+
+from geometry.arrays import FloatArray, FloatMap, GreyImage
+from geometry.camera import Camera
+from geometry.trajectory import Trajectory
+from locate.simulation.formation import area_mean, develop
+from locate.simulation.photos import PhotoSet
+from locate.simulation.plume import PlumeField, visible_percentile
+from locate.simulation.render import MASK_SHARE, NEGLIGIBLE_PX, Truth, apparent_shift
+from locate.simulation.run import Progress, silent
+from locate.simulation.scene import ImageBlock, Plume, Scene
+from locate.simulation.writer import FrameFolder, make_folder, write_summary, write_truth
+
+COARSE_PX = 8
+ENOUGH_POINTS = 20
+BACKGROUND_FACTOR = 1.6
+"""Range of the background over that of the plume, where a photo set has no points."""
+
+
+def render_onto(scene: Scene, photos: Path, output: Path, *, progress: Progress = silent) -> None:
+    """Renders the plumes of a scene onto a real posed photo set.
+
+    Every pixel is resampled alike, displaced or not: the photo, of at least twice the output
+    resolution, is blurred by the lens first, so that the quintic spline it is then read with passes
+    all that is left of it, and the area mean follows. Surfaces come from the sparse points, or
+    are a plane behind the plume where there are none.
+
+    Writes frames/{index:06d}.png, truth.json and truth/{index:06d}.npz into `output`.
+
+    Args:
+        scene: Its plumes, wind, seed, image formation and `video.fps` count; lengths are in the
+            photos' unit, `source` in the photos' world. `camera.width` is about the output's.
+        photos: Folder with a COLMAP model, `.camera` files or transforms.json, and the photos.
+        output: Folder to write.
+        progress: Called with the number of frames done and their total.
+
+    Raises:
+        BadInputError: The photo set cannot be used, or the folder cannot be written.
+    """
+    photo_set = PhotoSet.load(photos)
+    make_folder(output)
+    scene = _in_turned_world(scene, photo_set)
+    factor = max(2, round(photo_set.trajectory.camera.width / scene.camera.width))
+    trajectory = _output_trajectory(photo_set.trajectory, factor, scene.video.fps)
+    fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
+    renderer = _OntoRenderer(trajectory, photo_set, fields)
+    folder = FrameFolder(output)
+    for i in range(len(trajectory)):
+        truth = renderer.truth(i)
+        photo = photo_set.image(i)
+        image = displace(photo, truth.displacement, factor, scene.image, scene.random(4, i))
+        folder.write(image)
+        write_truth(output, i, truth)
+        progress(i + 1, len(trajectory))
+    write_summary(output, trajectory, fields, renderer.amplitudes_px)
+
+
+def displace(
+    photo: GreyImage,
+    displacement: FloatMap,
+    factor: int,
+    image: ImageBlock,
+    rng: np.random.Generator,
+) -> GreyImage:
+    """The photo reduced by `factor`, as the camera would take it through the plume.
+
+    Args:
+        photo: (>= H * factor, >= W * factor) grey values.
+        displacement: (H, W, 2) px of the output.
+        factor: Photo pixels per output pixel, at least 2.
+        image: Lens blur and noise.
+        rng: Draws the noise.
+
+    Returns:
+        (H, W) grey values.
+    """
+    height, width = displacement.shape[0] * factor, displacement.shape[1] * factor
+    sigma = max(image.psf_sigma_px, 0.5) * factor
+    blurred = cv2.GaussianBlur(photo.astype(np.float32), (0, 0), sigma)
+    coefficients = spline_filter(blurred, order=5, output=np.float32, mode="mirror")
+    w = cv2.resize(displacement, (width, height), interpolation=cv2.INTER_LINEAR) * factor
+    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+    places = [y + w[..., 1], x + w[..., 0]]
+    fine = map_coordinates(coefficients, places, order=5, mode="mirror", prefilter=False)
+    return develop(area_mean(fine, factor), image, rng)
+
+
+class _OntoRenderer:
+    """The displacement of plumes before a photo set."""
+
+    def __init__(
+        self, trajectory: Trajectory, photo_set: PhotoSet, fields: list[PlumeField]
+    ) -> None:
+        self._trajectory = trajectory
+        self._points = photo_set.points_in_world
+        self._fields = fields
+        camera = trajectory.camera
+        self._rays = camera.rays(camera.pixel_grid())
+        self.amplitudes_px = [self._calibrate(field) for field in fields]
+
+    def truth(self, i: int) -> Truth:
+        """What is true of photo `i`."""
+        depth = self._depth(i)
+        w = np.zeros((*depth.shape, 2), dtype=np.float32)
+        for field in self._fields:
+            w += self._displacement(field, i, depth)
+        weakest = min(self.amplitudes_px, default=0.0)
+        mask = np.linalg.norm(w, axis=-1) > max(MASK_SHARE * weakest, NEGLIGIBLE_PX)
+        return Truth(displacement=w, mask=mask, depth=depth)
+
+    def _displacement(self, field: PlumeField, i: int, depth: FloatMap) -> FloatMap:
+        rotation = self._trajectory.rotations[i]
+        directions = (self._rays.reshape(-1, 3) @ rotation).astype(np.float32)
+        ends = np.asarray(depth.ravel() / self._rays[..., 2].ravel(), dtype=np.float32)
+        bend = field.bend(i, self._trajectory.centers_in_world[i], directions)
+        deflection = bend.deflection * bend.before(ends)[:, None]
+        bent = np.flatnonzero(np.abs(deflection).max(axis=1) > 0)
+        w = np.zeros((len(directions), 2), dtype=np.float32)
+        w[bent] = apparent_shift(
+            self._trajectory.camera,
+            rotation,
+            directions[bent],
+            deflection[bent],
+            bend.range_m[bent],
+            np.maximum(ends - bend.range_m, 0)[bent],
+        )
+        return w.reshape(*depth.shape, 2)
+
+    def _calibrate(self, field: PlumeField) -> float:
+        """Sets the gain of a plume to reach its amplitude; returns the amplitude."""
+        frames = range(len(self._trajectory))
+        sizes = [visible_percentile(self._displacement(field, i, self._depth(i))) for i in frames]
+        seen = [size for size in sizes if size > 0]
+        return field.scale_to(float(np.mean(seen)) if seen else 0.0)
+
+    def _depth(self, i: int) -> FloatMap:
+        """(H, W) of the surfaces along the optical axis."""
+        camera = self._trajectory.camera
+        in_cam = self._trajectory.world_to_cam(i, self._points)
+        pixels = camera.project(in_cam)
+        inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+        if inside.sum() < ENOUGH_POINTS:
+            return np.full((camera.height, camera.width), self._plane_m(i), dtype=np.float32)
+        return _densified(pixels[inside], 1 / in_cam[inside, 2], camera)
+
+    def _plane_m(self, i: int) -> float:
+        sources = np.array([field.plume.source for field in self._fields]).reshape(-1, 3)
+        depths = self._trajectory.world_to_cam(i, sources)[:, 2]
+        return BACKGROUND_FACTOR * float(max(depths.max(initial=0.0), 1e-3))
+
+
+def _densified(pixels: FloatArray, inverse_depth: FloatArray, camera: Camera) -> FloatMap:
+    """(H, W) depth from sparse points: inverse depth, linear between them, nearest outside."""
+    y, x = np.mgrid[0 : camera.height : COARSE_PX, 0 : camera.width : COARSE_PX]
+    linear = LinearNDInterpolator(pixels, inverse_depth)(x, y)
+    nearest = NearestNDInterpolator(pixels, inverse_depth)(x, y)
+    coarse = np.where(np.isfinite(linear), linear, nearest).astype(np.float32)
+    coarse = cv2.GaussianBlur(cv2.medianBlur(coarse, 5), (0, 0), 1.0)
+    size = (camera.width, camera.height)
+    return np.asarray(1 / cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR))
+
+
+def _in_turned_world(scene: Scene, photo_set: PhotoSet) -> Scene:
+    """The scene for the world with Z up, as long as the photo set."""
+
+    def turned(plume: Plume) -> Plume:
+        x, y, z = photo_set.target_from_photos(np.array(plume.source)).tolist()
+        return plume.model_copy(update={"source": (x, y, z)})
+
+    video = scene.video.model_copy(update={"frames": len(photo_set.paths)})
+    plumes = tuple(turned(plume) for plume in scene.plumes)
+    return scene.model_copy(update={"video": video, "plumes": plumes})
+
+
+def _output_trajectory(trajectory: Trajectory, factor: int, fps: float) -> Trajectory:
+    camera = trajectory.camera
+    cropped = replace(
+        camera,
+        width=camera.width // factor * factor,
+        height=camera.height // factor * factor,
+    )
+    return replace(trajectory, camera=cropped.scaled(1 / factor), times_s=trajectory.indices / fps)

@@ -1,0 +1,232 @@
+"""What a simulated recording is made of, as it stands in SCENE.yaml."""
+
+from pathlib import Path as FilePath
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from geometry.refraction import MOLAR_MASS_KG
+from locate.simulation.materials import MATERIALS
+
+Point = tuple[float, float, float]
+Flat = tuple[float, float]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Block(BaseModel):
+    """One mapping of the file: immutable, and a misspelt key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class CameraBlock(Block):
+    """A pinhole camera, with one radial term where `radial` is not 0."""
+
+    width: Annotated[int, Field(ge=32, le=8192)] = 640
+    height: Annotated[int, Field(ge=32, le=8192)] = 480
+    focal_px: Positive = 560.0
+    radial: Annotated[float, Field(gt=-0.3, lt=0.3)] = 0.0
+
+    def build(self) -> Camera:
+        """The camera, principal point in the image centre."""
+        pinhole = Camera.pinhole(self.width, self.height, self.focal_px)
+        if not self.radial:
+            return pinhole
+        params = (self.focal_px, *pinhole.params[2:], self.radial)
+        return Camera(model="SIMPLE_RADIAL", width=self.width, height=self.height, params=params)
+
+
+class VideoBlock(Block):
+    """Length and coding of the recording; `crf` counts for h264 alone."""
+
+    frames: Annotated[int, Field(ge=1)] = 60
+    fps: Positive = 15.0
+    codec: Literal["ffv1", "h264"] = "ffv1"
+    crf: Annotated[int, Field(ge=0, le=51)] = 18
+
+
+class ImageBlock(Block):
+    """Image formation: samples x samples rays a pixel, lens blur, exposure gain, sensor noise."""
+
+    samples: Annotated[int, Field(ge=1, le=4)] = 2
+    psf_sigma_px: Annotated[float, Field(ge=0)] = 0.5
+    gain: Positive = 1.0
+    noise: Annotated[float, Field(ge=0)] = 1.0
+
+
+class PathBlock(Block):
+    """How the camera moves.
+
+    `orbit` and `handheld` go round `target` on an arc; `approach` and `hover` look at it from the
+    bearing `start_deg` (counted from the x axis); `lawn_mower` flies `lanes` lanes of `length_m`
+    above it, looking down by `pitch_deg`. `jitter_m` shakes every path smoothly (`jitter_deg` turns
+    it), with the tempo of a hand.
+    """
+
+    kind: Literal["orbit", "handheld", "approach", "hover", "lawn_mower"] = "orbit"
+    target: Point = (0.0, 0.0, 2.5)
+    radius_m: Positive = 8.5
+    height_m: float = 2.0
+    start_deg: float = -120.0
+    arc_deg: float = 60.0
+    end_radius_m: Positive = 5.0
+    lanes: Annotated[int, Field(ge=1)] = 3
+    length_m: Positive = 8.0
+    spacing_m: Positive = 1.5
+    pitch_deg: Annotated[float, Field(ge=5, le=90)] = 55.0
+    jitter_m: Annotated[float, Field(ge=0)] = 0.0
+    jitter_deg: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Textured(Block):
+    """Anything with a surface."""
+
+    material: str = "concrete"
+
+    @model_validator(mode="after")
+    def _known_material(self) -> Self:
+        if self.material not in MATERIALS:
+            raise ValueError(f"material {self.material!r} is not one of {', '.join(MATERIALS)}")
+        return self
+
+
+class Ground(Textured):
+    """The square floor at z = 0, centred on the origin."""
+
+    kind: Literal["ground"]
+    extent_m: Positive = 60.0
+    material: str = "gravel"
+
+
+class Wall(Textured):
+    """An upright wall over the line from `start` to `end`."""
+
+    kind: Literal["wall"]
+    start: Flat
+    end: Flat
+    height_m: Positive = 6.0
+    thickness_m: Positive = 0.3
+    material: str = "brick"
+
+
+class Box(Textured):
+    """A box, turned about the vertical."""
+
+    kind: Literal["box"]
+    center: Point
+    size: Annotated[tuple[Positive, Positive, Positive], "x, y, z edges, m"]
+    yaw_deg: float = 0.0
+
+
+class Cylinder(Textured):
+    """A round bar, pipe or drum with flat ends."""
+
+    kind: Literal["cylinder"]
+    start: Point
+    end: Point
+    radius_m: Positive = 0.1
+    material: str = "paint"
+
+
+class PipeRack(Textured):
+    """Columns, beams and `pipes` pipes on each level, along the x axis turned by `yaw_deg`."""
+
+    kind: Literal["pipe_rack"]
+    center: Flat = (0.0, 0.0)
+    length_m: Positive = 8.0
+    width_m: Positive = 1.4
+    levels_m: tuple[Positive, ...] = (1.6, 2.6)
+    pipes: Annotated[int, Field(ge=1)] = 4
+    yaw_deg: float = 0.0
+    material: str = "paint"
+
+
+class Tank(Textured):
+    """An upright storage tank with a lid, a ladder and a guard rail."""
+
+    kind: Literal["tank"]
+    center: Flat
+    radius_m: Positive = 1.5
+    height_m: Positive = 4.0
+    material: str = "plate"
+
+
+SceneObject = Annotated[
+    Ground | Wall | Box | Cylinder | PipeRack | Tank, Field(discriminator="kind")
+]
+
+
+class Plume(Block):
+    """A plume that leaves an upright exit of `radius_m` at `source`.
+
+    Its strength is either `amplitude_px` (95th percentile of |w| over the plume's image footprint,
+    mean over frames; the refractivity is scaled to reach it) or, where that is null, what
+    `temperature_k`, `gas` and `mole_fraction` at the exit give. These drive the flow either way.
+    """
+
+    kind: Literal["buoyant", "gaussian"] = "buoyant"
+    source: Point
+    radius_m: Positive = 0.12
+    height_m: Positive = 3.2
+    gas: str = "air"
+    mole_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
+    temperature_k: Positive = 438.0
+    amplitude_px: Annotated[float, Field(ge=0)] | None = None
+    exit_mps: Annotated[float, Field(ge=0)] = 0.4
+    voxel_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _known_gas(self) -> Self:
+        if self.gas not in MOLAR_MASS_KG:
+            raise ValueError(f"gas {self.gas!r} is not one of {', '.join(MOLAR_MASS_KG)}")
+        return self
+
+
+class Scene(Block):
+    """A simulated recording: everything that `simulate` needs, and its seed."""
+
+    seed: int = 0
+    camera: CameraBlock = CameraBlock()
+    video: VideoBlock = VideoBlock()
+    image: ImageBlock = ImageBlock()
+    path: PathBlock = PathBlock()
+    sky: bool = True
+    sun_deg: Flat = (-60.0, 48.0)
+    wind_mps: Flat = (0.0, 0.0)
+    objects: tuple[SceneObject, ...] = ()
+    plumes: tuple[Plume, ...] = ()
+
+    @classmethod
+    def load(cls, path: FilePath) -> Self:
+        """Reads SCENE.yaml.
+
+        Raises:
+            BadInputError: The file cannot be read, is not YAML, or a field is wrong; named.
+        """
+        try:
+            content: Any = yaml.safe_load(path.read_text())
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInputError(f"{path}: not a readable scene file ({error})") from error
+        except yaml.YAMLError as error:
+            raise BadInputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
+        if not isinstance(content, dict):
+            raise BadInputError(f"{path}: not a scene (expected a mapping with `objects`)")
+        try:
+            return cls.model_validate(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(str(part) for part in first["loc"])
+            raise BadInputError(f"{path}: field {field or 'scene'}: {first['msg']}") from error
+
+    def save(self, path: FilePath) -> None:
+        """Writes a SCENE.yaml that `load` reads back."""
+        content = self.model_dump(mode="json", exclude_defaults=True)
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+    def random(self, *stream: int) -> np.random.Generator:
+        """The random numbers of one part of the recording, the same for every run."""
+        return np.random.default_rng([self.seed, *stream])

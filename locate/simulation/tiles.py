@@ -1,0 +1,79 @@
+"""Noise to cover surfaces with: periodic tiles, band-limited by mip levels."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from geometry.arrays import FloatMap
+
+TILE_PX = 1024
+TEXEL_M = 0.005
+LEVELS = 6
+PAD_PX = 2
+GRAIN, STONES, CLOUDS = range(3)
+
+
+def _noise_tile(rng: np.random.Generator, slope: float) -> FloatMap:
+    """Periodic noise whose amplitude falls with frequency to the power `slope`, std 1."""
+    spectrum = np.fft.rfft2(rng.standard_normal((TILE_PX, TILE_PX)))
+    frequency = np.hypot(np.fft.fftfreq(TILE_PX)[:, None], np.fft.rfftfreq(TILE_PX))
+    frequency[0, 0] = np.inf
+    tile = np.fft.irfft2(spectrum / frequency**slope, s=(TILE_PX, TILE_PX))
+    return np.asarray(tile / tile.std(), dtype=np.float32)
+
+
+def _stone_tile(rng: np.random.Generator) -> FloatMap:
+    """Periodic gravel: each stone has a tone and darkens towards its edge, std 1."""
+    centres = rng.uniform(0, TILE_PX, (7000, 2))
+    y, x = np.mgrid[0:TILE_PX, 0:TILE_PX]
+    tree = KDTree(centres, boxsize=np.full(2, float(TILE_PX)))
+    found = tree.query(np.stack([y.ravel(), x.ravel()], axis=1), k=2)
+    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+    tone = rng.normal(0, 1, len(centres))[nearest[:, 0]]
+    gap = np.clip((distance[:, 1] - distance[:, 0]) / 5, 0, 1)
+    tile = tone * gap - 1.6 * (1 - gap)
+    tile = (tile - tile.mean()) / tile.std()
+    return np.asarray(tile.reshape(TILE_PX, TILE_PX), dtype=np.float32)
+
+
+class TileAtlas:
+    """Periodic noise tiles with their mip levels, in one image."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        tiles = [_noise_tile(rng, 1.0), _stone_tile(rng), _noise_tile(rng, 1.6)]
+        columns = []
+        for tile in tiles:
+            level, blocks = tile, []
+            for _ in range(LEVELS):
+                block = np.pad(level, PAD_PX, mode="wrap")
+                blocks.append(np.pad(block, ((0, 0), (0, TILE_PX + 2 * PAD_PX - block.shape[1]))))
+                level = cv2.resize(level, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+            columns.append(np.concatenate(blocks))
+        self._image = np.concatenate(columns, axis=1)
+        self._sizes = (TILE_PX / 2.0 ** np.arange(LEVELS)).astype(np.float32)
+        below = np.cumsum(self._sizes + 2 * PAD_PX) - self._sizes - 2 * PAD_PX
+        self._tops = (below + PAD_PX - 0.5).astype(np.float32)
+
+    def sample(self, u_m: FloatMap, v_m: FloatMap, tile: int, footprint_m: FloatMap) -> FloatMap:
+        """Noise at (u, v), averaged over about `footprint_m`; any one shape."""
+        lod = np.log2(np.clip(footprint_m, TEXEL_M, TEXEL_M * 2 ** (LEVELS - 1.01)) / TEXEL_M)
+        low = lod.astype(np.intp)
+        weight = (lod - low).astype(np.float32)
+        u, v = (a * np.float32(1 / (TILE_PX * TEXEL_M)) for a in (u_m, v_m))
+        u -= np.floor(u)
+        v -= np.floor(v)
+        below = self._level(u, v, tile, low)
+        above = self._level(u, v, tile, low + 1)
+        return np.asarray(below + weight * (above - below), dtype=np.float32)
+
+    def _level(self, u: FloatMap, v: FloatMap, tile: int, level: NDArray[np.intp]) -> FloatMap:
+        """Noise at (u, v) in tile widths, from one mip level each."""
+        size = self._sizes.take(level)
+        x = u * size + np.float32(PAD_PX - 0.5 + tile * (TILE_PX + 2 * PAD_PX))
+        y = v * size + self._tops.take(level)
+        rows = -(-len(x) // TILE_PX)
+        spare = rows * TILE_PX - len(x)
+        grid = [np.pad(a, (0, spare)).reshape(rows, TILE_PX) for a in (x, y)]
+        values = cv2.remap(self._image, grid[0], grid[1], cv2.INTER_LINEAR)
+        return np.asarray(values.ravel()[: len(x)], dtype=np.float32)

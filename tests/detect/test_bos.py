@@ -1,0 +1,108 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import scipy.io
+
+from detect.bos import BosDetector, temporal_median
+from detect.detection import Frames
+from detect.scores import auroc
+from geometry.errors import BadInputError
+from tests.detect.scenes import Texture, photographed, ring_displacement
+
+SHAPE = (120, 160)
+
+
+def still_camera(count: int, *, shake_px: float = 0.0) -> tuple[Frames, np.ndarray]:
+    """The plume stands in the last frame only, the camera shakes in every one."""
+    texture = Texture(3, 1.2)
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    lens = ring_displacement(SHAPE, 0.4, 12.0)
+    rng = np.random.default_rng(0)
+    images = []
+    for i in range(count):
+        w = (lens if i == count - 1 else 0 * lens) + shake_px * rng.normal(size=2)
+        images.append(photographed(texture(x + w[..., 0], y + w[..., 1]), seed=i))
+    return Frames(images=images), lens
+
+
+@pytest.mark.parametrize("shake_px", [0.0, 0.1])
+def test_a_still_camera_sees_the_plume_against_the_median(shake_px: float) -> None:
+    frames, lens = still_camera(9, shake_px=shake_px)
+    detection = BosDetector().detect(frames, 8)
+    plume = np.linalg.norm(lens, axis=-1) > 0.2
+    error = np.linalg.norm(detection.displacement - lens, axis=-1)
+    assert error[plume].mean() < 0.08
+    assert np.median(error[~plume]) < 0.06
+    assert auroc(detection.llr, plume) > 0.95
+    assert detection.llr[plume].mean() > 1
+
+
+def test_a_frame_without_plume_gives_no_evidence() -> None:
+    frames, _ = still_camera(9)
+    detection = BosDetector().detect(frames, 4)
+    assert (detection.llr > 1).mean() < 0.01
+    assert detection.llr.mean() < 0
+
+
+def test_sigma_is_honest() -> None:
+    frames, _ = still_camera(9)
+    detection = BosDetector(flow="lucas-kanade").detect(frames, 4)
+    nees = (detection.displacement**2).sum(axis=-1) / detection.sigma_px**2
+    assert 0.7 < np.median(nees) / (2 * np.log(2)) < 1.6
+
+
+def test_a_given_reference_needs_one_frame() -> None:
+    frames, lens = still_camera(2)
+    detector = BosDetector(flow="dis", reference=frames.images[0])
+    detection = detector.detect(Frames(images=frames.images[1:]), 0)
+    plume = np.linalg.norm(lens, axis=-1) > 0.2
+    assert (detection.displacement * lens)[plume].sum() > 0.8 * (lens[plume] ** 2).sum()
+
+
+def test_the_temporal_median_reads_no_more_frames_than_asked() -> None:
+    class Counting(list[np.ndarray]):
+        reads = 0
+
+        def __getitem__(self, row):  # type: ignore[no-untyped-def]
+            Counting.reads += 1
+            return super().__getitem__(row)
+
+    images = Counting([np.full((4, 4), i % 7, np.uint8) for i in range(1000)])
+    assert temporal_median(images, 11).shape == (4, 4)
+    assert Counting.reads == 11
+
+
+def test_two_frames_make_no_reference() -> None:
+    frames, _ = still_camera(2)
+    with pytest.raises(BadInputError, match="at least 3 frames, got 2"):
+        BosDetector().detect(frames, 0)
+
+
+def test_sizes_must_agree() -> None:
+    frames, _ = still_camera(1)
+    with pytest.raises(BadInputError, match="of one size"):
+        BosDetector(reference=frames.images[0][:50]).detect(frames, 0)
+
+
+def test_the_blowtorch_plume_agrees_with_the_authors_piv(shared_data: Path) -> None:
+    folder = shared_data / "1_bos_pairs/blowtorch_plume"
+    reference, image = (
+        cv2.imread(str(folder / f"sop_enc_test_{k}.tif"), cv2.IMREAD_GRAYSCALE)
+        for k in ("000", "001")
+    )
+    assert reference is not None
+    assert image is not None
+    detector = BosDetector(flow="dis", reference=reference)
+    detection = detector.detect(Frames(images=[image]), 0)
+    for axis, name in enumerate("uv"):
+        piv = scipy.io.loadmat(str(folder / f"{name}_PIV_sop_enc_test.mat"))[f"{name}_original"]
+        field = piv.ravel()[0]
+        field = field - np.nanmedian(field)
+        rows, columns = (8 + 8 * np.arange(n) for n in field.shape)
+        ours = cv2.GaussianBlur(detection.displacement[..., axis], (0, 0), 4)
+        ours = ours[np.ix_(rows.clip(max=1105), columns.clip(max=2701))]
+        known = np.isfinite(field) & (np.abs(field) < 6)
+        # the authors' flow leads from the reference to the image: the opposite sign
+        assert np.corrcoef(-field[known], ours[known])[0, 1] > 0.95

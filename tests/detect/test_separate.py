@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from detect.registered.separate import pose_like_field, separate
+
+SHAPE = (24, 32)
+
+
+def test_depth_and_refraction_are_told_apart() -> None:
+    rng = np.random.default_rng(0)
+    baselines = np.array([-3.0, -2.0, 2.0, 3.0, 4.0])[:, None, None, None]
+    slopes = (baselines * np.array([10.0, 1.0]) * np.ones((*SHAPE, 1))).astype(np.float32)
+    step = rng.normal(0, 0.05, SHAPE).astype(np.float32)
+    w = rng.normal(0, 0.5, (*SHAPE, 2)).astype(np.float32)
+    flows = slopes * step[..., None] + w
+    answer = separate(flows, slopes, np.ones((5, *SHAPE), np.float32))
+    np.testing.assert_allclose(answer.inverse_depth_step, step, atol=1e-3)
+    np.testing.assert_allclose(answer.displacement, w, atol=1e-3)
+    assert answer.squared_residuals.max() < 1e-4
+
+
+def test_the_variance_factor_is_that_of_many_draws() -> None:
+    rng = np.random.default_rng(1)
+    slopes = np.zeros((4, 200, 200, 2), np.float32)
+    slopes[..., 0] = np.array([1.0, 2.0, 3.0, 5.0])[:, None, None] * 10
+    noise = rng.normal(0, 0.1, slopes.shape).astype(np.float32)
+    answer = separate(noise, slopes, np.ones((4, 200, 200), np.float32))
+    spread = (answer.displacement**2).mean() / 0.01
+    assert answer.variance_factor.mean() == pytest.approx(spread, rel=0.05)
+
+
+def test_a_pixel_nobody_sees_stays_finite() -> None:
+    slopes = np.ones((3, *SHAPE, 2), np.float32)
+    answer = separate(slopes, slopes, np.zeros((3, *SHAPE), np.float32))
+    assert np.isfinite(answer.displacement).all()
+
+
+def test_a_pose_error_is_taken_out_and_a_plume_left() -> None:
+    y, x = np.meshgrid(np.linspace(-0.5, 0.5, 96), np.linspace(-0.5, 0.5, 128), indexing="ij")
+    depth = np.where(x > 0.2, 2.0, 1.0).astype(np.float32)
+    error = np.stack([0.3 + 0.2 * x * y + 0.4 * depth, 0.1 * x - 0.2 * depth * y], axis=-1)
+    plume = np.zeros_like(error)
+    plume[30:50, 40:55, 0] = 0.5
+    found = pose_like_field((error + plume).astype(np.float32), depth, np.ones_like(depth))
+    np.testing.assert_allclose(found, error, atol=0.02)
+
+
+def test_too_little_texture_takes_nothing_out() -> None:
+    field = np.ones((*SHAPE, 2), np.float32)
+    nowhere = np.zeros(SHAPE, np.float32)
+    assert not pose_like_field(field, nowhere + 1, nowhere).any()

@@ -1,0 +1,123 @@
+import json
+import re
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from geometry.errors import BadInputError
+from locate.export.table import map_table
+from locate.plume import Bearing, PlumeMap
+from tests.locate.answers import plume, plume_map
+
+GEOREFERENCE = {
+    "origin_lat_deg": 60.0,
+    "origin_lon_deg": 25.0,
+    "origin_height_m": 10.0,
+    "height_datum": "WGS84 ellipsoid",
+}
+CONTRACT = {"units", "gravity", "georeference", "plumes", "detection_limit_px", "detector"}
+PLUME_CONTRACT = {
+    *("id", "source", "source_covariance", "axis", "axis_sigma_rad", "extent_low", "extent_high"),
+    *("radius_by_height", "evidence_nats", "probability", "views", "displacement_px"),
+}
+
+
+def test_a_map_reads_back_as_it_was_written(tmp_path: Path) -> None:
+    bearing = Bearing(
+        direction_in_cam=np.array([0.0, 0.0, 1.0]),
+        sigma_rad=0.01,
+        evidence_nats=9.0,
+        probability=0.9,
+        displacement_px=0.4,
+    )
+    written = plume_map(
+        plume(),
+        plume(id=2, radius_by_height=np.zeros((0, 2)), source_hidden=True),
+        bearings=(bearing,),
+        georeference=GEOREFERENCE,
+        detection_limit_k=12.0,
+        notes=("one sentence",),
+    )
+    written.save(tmp_path / "map.json")
+    read = PlumeMap.load(tmp_path / "map.json")
+    assert read.to_dict() == written.to_dict()
+    assert read.plumes[1].radius_by_height.shape == (0, 2)
+    assert read.plumes[0].views == (0, 2, 4)
+    assert read.georeference == GEOREFERENCE
+
+
+def test_the_file_has_the_keys_of_the_contract(tmp_path: Path) -> None:
+    plume_map(plume()).save(tmp_path / "map.json")
+    content = json.loads((tmp_path / "map.json").read_text())
+    assert content["schema"] == "locate.map/1"
+    assert set(content) >= CONTRACT | {"version"}
+    assert set(content["plumes"][0]) >= PLUME_CONTRACT
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": "locate.map/2"}, "schema is 'locate.map/2', expected 'locate.map/1'"),
+        ({"units": "feet"}, "units"),
+        ({"plumes": [{"id": 1}]}, r"plumes\.0\.source"),
+        ({"detection_limit_px": float("nan")}, "detection_limit_px"),
+        ({"georeference": {"origin_lat_deg": 91.0}}, r"georeference\.origin_lat_deg"),
+    ],
+)
+def test_a_wrong_file_is_named_with_its_fault(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "map.json"
+    path.write_text(json.dumps(plume_map(plume()).to_dict() | change))
+    with pytest.raises(BadInputError, match=message) as caught:
+        PlumeMap.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "no json"])
+def test_what_is_no_map_is_bad_input(tmp_path: Path, text: str) -> None:
+    (tmp_path / "map.json").write_text(text)
+    with pytest.raises(BadInputError):
+        PlumeMap.load(tmp_path / "map.json")
+
+
+def test_no_number_of_the_file_is_nan(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        plume_map(plume(evidence_nats=np.nan)).save(tmp_path / "map.json")
+
+
+def test_sigmas_are_those_of_the_principal_axes() -> None:
+    np.testing.assert_allclose(plume().principal_sigmas, [0.03, 0.02, 0.01])
+
+
+def test_shapes_are_checked() -> None:
+    with pytest.raises(ValueError, match=r"source_covariance.shape=\(3,\)"):
+        plume(source_covariance=np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("plumes", "limits", "sentence"),
+    [
+        ((), {}, "None found; a plume of 0.25 px would have been seen."),
+        ((), {"detection_limit_k": 30.0}, "30 K warmer"),
+        ((plume(),), {"detection_limit_px": None}, "One found; .* not known"),
+    ],
+)
+def test_the_limit_is_said_in_words(
+    plumes: tuple[Any, ...], limits: dict[str, Any], sentence: str
+) -> None:
+    text = plume_map(*plumes, **limits).limit_text()
+    assert re.search(sentence, text)
+
+
+def test_the_table_has_a_value_and_a_unit_for_each_quantity() -> None:
+    text = StringIO()
+    Console(width=120, file=text).print(map_table(plume_map(plume())))
+    lines = text.getvalue().splitlines()
+    for words in (("source x, y, z", "0.300, -0.200, 0.100", " m "), ("probability", "> 0.999")):
+        assert any(all(word in line for word in words) for line in lines), words

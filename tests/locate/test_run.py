@@ -1,0 +1,167 @@
+"""The command on the bundled sample, as a user types it."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geometry.trajectory import Trajectory
+from locate.plume import PlumeMap
+from locate.sample import SAMPLE, SAMPLE_VIDEO
+
+FRAMES = "14"
+STAGES = ("frames", "poses", "detections", "fusion", "report")
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "locate", *map(str, arguments)]
+
+
+def locate(*arguments: object) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    return subprocess.run(
+        command(*arguments), capture_output=True, text=True, check=False, env=environment
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("run") / "out"
+    result = locate("run", SAMPLE_VIDEO, "-o", output, "--max-frames", FRAMES)
+    assert result.returncode == 0, result.stderr
+    return output
+
+
+def test_run_leaves_every_file(finished: Path) -> None:
+    names = {path.name for path in finished.iterdir() if not path.name.startswith(".")}
+    assert names == {
+        "config.yaml", "detections", "evidence.npz", "frames", "log.jsonl", "map.json",
+        "plumes.ply", "report.html", "sfm", "trajectory.json",
+    }  # fmt: skip
+    assert PlumeMap.load(finished / "map.json").units == "scene"
+    assert len(Trajectory.load(finished / "trajectory.json")) == int(FRAMES)
+
+
+def test_log_has_a_line_for_every_stage(finished: Path) -> None:
+    lines = [json.loads(line) for line in (finished / "log.jsonl").read_text().splitlines()]
+    done = [line["stage"] for line in lines if "cpu_s" in line]
+    assert done == list(STAGES)
+
+
+def test_second_run_skips_everything(finished: Path) -> None:
+    before = (finished / "map.json").stat().st_mtime_ns
+    started = time.perf_counter()
+    result = locate("run", SAMPLE_VIDEO, "-o", finished, "--max-frames", FRAMES)
+    assert result.returncode == 0
+    assert time.perf_counter() - started < 30
+    assert (finished / "map.json").stat().st_mtime_ns == before
+
+
+def stage_has_begun(log: Path, stage: str) -> bool:
+    if not log.exists():
+        return False
+    lines = (json.loads(line) for line in log.read_text().splitlines() if line.endswith("}"))
+    return any(line.get("stage") == stage and line["message"] == "start" for line in lines)
+
+
+def test_killed_in_every_stage_it_ends_in_the_same_map(finished: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    arguments = command("run", SAMPLE_VIDEO, "-o", output, "--max-frames", FRAMES)
+    for stage in STAGES:
+        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        process = subprocess.Popen(
+            arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
+        )
+        deadline = time.monotonic() + 300
+        while not stage_has_begun(output / "log.jsonl", stage):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not (output / ".stages" / f"{stage}.json").exists()
+    assert subprocess.run(arguments, capture_output=True, check=False).returncode == 0
+    for name in ("map.json", "trajectory.json", "plumes.ply"):
+        assert (output / name).read_bytes() == (finished / name).read_bytes(), name
+
+
+def test_given_poses_make_a_metric_map(tmp_path: Path) -> None:
+    result = locate(
+        "run", SAMPLE_VIDEO, "-o", tmp_path / "out", "--poses", SAMPLE / "truth.json",
+        "--max-frames", "30", "--detector", "registered",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    plume_map = PlumeMap.load(tmp_path / "out" / "map.json")
+    assert (plume_map.units, plume_map.gravity) == ("m", True)
+    assert plume_map.detection_limit_px is not None
+    truth = json.loads((SAMPLE / "truth.json").read_text())["plumes"][0]["source"]
+    (plume,) = plume_map.plumes
+    assert np.linalg.norm(plume.source - truth) < 0.03 * 8.5
+
+
+def bad(result: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert result.returncode == code, result.stderr
+    lines = [line for line in result.stderr.splitlines() if line.startswith("locate: ")]
+    assert len(lines) == 1
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in lines[0]
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    bad(locate("run", tmp_path / "no.mp4", "-o", tmp_path / "o"), 2, "no.mp4")
+
+
+def test_text_that_calls_itself_a_video(tmp_path: Path) -> None:
+    (tmp_path / "v.mp4").write_text("not a video\n" * 100)
+    bad(locate("run", tmp_path / "v.mp4", "-o", tmp_path / "o"), 2, "v.mp4")
+
+
+def test_folder_without_images(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    bad(locate("run", tmp_path / "photos", "-o", tmp_path / "o"), 2, "photos")
+
+
+def test_output_that_cannot_be_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "o").write_text("")
+    bad(locate("run", SAMPLE_VIDEO, "-o", tmp_path / "o"), 2, "cannot be written")
+
+
+def test_run_folder_of_another_version(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("schema: locate.run/0\n")
+    bad(locate("run", SAMPLE_VIDEO, "-o", tmp_path), 2, "locate.run/0")
+
+
+def test_bos_on_a_moving_camera(tmp_path: Path) -> None:
+    result = locate("run", SAMPLE_VIDEO, "-o", tmp_path, "--detector", "bos", "--max-frames", "8")
+    bad(result, 2, "camera at rest")
+
+
+def test_poses_that_are_none(tmp_path: Path) -> None:
+    (tmp_path / "p.json").write_text("[]")
+    output = tmp_path / "o"
+    result = locate("run", SAMPLE_VIDEO, "-o", output, "--poses", tmp_path / "p.json",
+                    "--max-frames", "8")  # fmt: skip
+    bad(result, 2, "p.json")
+
+
+def test_full_disk(tmp_path: Path) -> None:
+    small = tmp_path / "small"
+    small.mkdir()
+    mount = shutil.which("mount")
+    mounted = mount and subprocess.run(
+        [mount, "-t", "tmpfs", "-o", "size=1m", "tmpfs", small], capture_output=True, check=False
+    )
+    if not mounted or mounted.returncode != 0:
+        pytest.skip("a small tmpfs cannot be mounted here; it takes root")
+    try:
+        bad(locate("run", SAMPLE_VIDEO, "-o", small / "out", "--max-frames", "14"), 2, "space")
+    finally:
+        subprocess.run(["umount", small], check=True)

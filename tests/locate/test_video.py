@@ -1,0 +1,284 @@
+"""Recordings and key frames: what is kept, and what is refused with one line."""
+
+import struct
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from geometry.errors import BadInputError
+from locate.video import KeyFrames, open_recording, select_frames
+from locate.video.focal import focal_of_photo, focal_of_video
+
+WIDTH, HEIGHT, RATE = 320, 240, 20
+
+
+def wallpaper(seed: int = 0, size: int = 900) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    image = np.zeros((size, size), np.float32)
+    for cells in (12, 40, 120, 300):
+        coarse = random.normal(size=(cells, cells)).astype(np.float32)
+        image += cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC)
+    return cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+def pan(shifts_px: list[float], blurred: set[int] = frozenset()) -> list[np.ndarray]:
+    """Frames that slide over a wallpaper, with sensor noise."""
+    paper, random = wallpaper(), np.random.default_rng(1)
+    frames = []
+    for i, shift in enumerate(shifts_px):
+        matrix = np.array([[1, 0, -shift], [0, 1, -50]], float)
+        frame = cv2.warpAffine(paper, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
+        if i in blurred:
+            frame = cv2.GaussianBlur(frame, (0, 0), 2.0)
+        noisy = frame + random.normal(scale=1.0, size=frame.shape)
+        frames.append(np.clip(noisy, 0, 255).astype(np.uint8))
+    return frames
+
+
+def write_video(path: Path, frames: list[np.ndarray], pts: list[int] | None = None) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=RATE)
+        stream.width, stream.height = frames[0].shape[1], frames[0].shape[0]
+        stream.pix_fmt = "gray"
+        stream.time_base = stream.codec_context.time_base = Fraction(1, 1000)
+        for i, image in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(image, format="gray")
+            frame.pts = pts[i] if pts else i * 1000 // RATE
+            frame.time_base = Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def write_photos(folder: Path, frames: list[np.ndarray], suffix: str = ".png") -> Path:
+    folder.mkdir()
+    for i, image in enumerate(frames):
+        cv2.imwrite(str(folder / f"img{i + 1}{suffix}"), image)
+    return folder
+
+
+def keep(path: Path, tmp_path: Path, **options: int) -> KeyFrames:
+    return select_frames(open_recording(path), tmp_path / "frames", **options)
+
+
+def test_even_orbit_keeps_every_frame(tmp_path: Path) -> None:
+    kept = keep(write_video(tmp_path / "v.mkv", pan([5.0 * i for i in range(40)])), tmp_path)
+    assert kept.indices.tolist() == list(range(40))
+    assert not kept.static
+    np.testing.assert_allclose([f.motion_px for f in kept.frames[1:]], 5.0, atol=0.2)
+
+
+def test_slow_video_is_thinned_evenly(tmp_path: Path) -> None:
+    frames = pan([1.2 * i for i in range(80)])
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path)
+    motions = np.array([f.motion_px for f in kept.frames[1:]])
+    assert 18 <= len(kept) <= 22
+    assert np.all(np.abs(motions - 4.8) < 1.3)
+
+
+def test_uneven_speed_gives_even_motion(tmp_path: Path) -> None:
+    steps = np.r_[np.full(30, 0.5), np.zeros(20), np.full(40, 2.4)]
+    kept = keep(write_video(tmp_path / "v.mkv", pan(list(np.cumsum(steps)))), tmp_path)
+    motions = np.array([f.motion_px for f in kept.frames[1:]])
+    assert motions.min() > 3.3
+    assert motions.max() < 6.3
+
+
+def test_sharper_of_near_equals_is_taken(tmp_path: Path) -> None:
+    blurred = set(range(0, 60, 2))
+    frames = pan([0.8 * i for i in range(60)], blurred)
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path)
+    assert len(kept) >= 8
+    assert not blurred & set(kept.indices[1:].tolist())
+
+
+def test_max_frames_spreads_over_the_path(tmp_path: Path) -> None:
+    frames = pan([5.0 * i for i in range(60)])
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path, max_frames=20)
+    gaps = np.diff(kept.indices)
+    assert len(kept) == 20
+    assert kept.indices[0] == 0
+    assert kept.indices[-1] == 59
+    assert gaps.max() - gaps.min() <= 1
+
+
+def test_still_camera_with_a_plume_is_static(tmp_path: Path) -> None:
+    frames, random = pan([0.0] * 30), np.random.default_rng(2)
+    for frame in frames:
+        region = frame[60:140, 100:150]
+        region[:] = np.roll(region, random.integers(-1, 2), axis=1)
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path, max_frames=10)
+    assert kept.static
+    assert len(kept) == 10
+    assert np.diff(kept.times_s).std() < 0.03
+
+
+def test_shaking_tripod_is_not_lost(tmp_path: Path) -> None:
+    shifts = list(np.random.default_rng(3).normal(scale=1.5, size=40))
+    kept = keep(write_video(tmp_path / "v.mkv", pan(shifts)), tmp_path)
+    assert len(kept) == 40
+    assert not kept.static
+
+
+def test_written_frames_are_lossless_and_times_exact(tmp_path: Path) -> None:
+    frames = pan([5.0 * i for i in range(12)])
+    pts = [0, 40, 95, 130, 200, 260, 301, 352, 420, 480, 533, 600]
+    kept = keep(write_video(tmp_path / "v.mkv", frames, pts), tmp_path)
+    for frame in kept.frames:
+        image = cv2.imread(str(tmp_path / "frames" / frame.name), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(image, frames[frame.index])
+    np.testing.assert_allclose(kept.times_s, np.array(pts)[kept.indices] / 1000)
+
+
+def test_index_survives_its_file(tmp_path: Path) -> None:
+    kept = keep(write_video(tmp_path / "v.mkv", pan([5.0 * i for i in range(12)])), tmp_path)
+    kept.save(tmp_path / "index.json")
+    assert KeyFrames.load(tmp_path / "index.json") == kept
+    (tmp_path / "index.json").write_text('{"schema": "other"}')
+    with pytest.raises(BadInputError, match="frame index"):
+        KeyFrames.load(tmp_path / "index.json")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp"])
+def test_photos_are_all_kept_in_natural_order(tmp_path: Path, suffix: str) -> None:
+    folder = write_photos(tmp_path / "photos", pan([20.0 * i for i in range(11)]), suffix)
+    (folder / "notes.txt").write_text("not a photo")
+    kept = keep(folder, tmp_path)
+    assert [f.source for f in kept.frames] == [f"img{i + 1}{suffix}" for i in range(11)]
+    assert not kept.is_video
+
+
+def test_large_frames_are_reduced_to_the_working_size(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "photos", [wallpaper(size=900)[:600], wallpaper(1)[:600]])
+    recording = open_recording(folder, max_side=300)
+    kept = select_frames(recording, tmp_path / "frames")
+    image = cv2.imread(str(tmp_path / "frames" / kept.names[0]), cv2.IMREAD_UNCHANGED)
+    assert image.shape == (200, 300)
+    assert (kept.width, kept.height) == (300, 200)
+
+
+def refused(path: Path, tmp_path: Path) -> str:
+    with pytest.raises(BadInputError) as caught:
+        keep(path, tmp_path)
+    assert "\n" not in str(caught.value)
+    assert str(path.name) in str(caught.value)
+    return str(caught.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    assert "no such file" in refused(tmp_path / "gone.mp4", tmp_path)
+
+
+def test_text_named_mp4(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "v.mp4").write_text("this is not a video\n" * 100)
+    assert "not a readable video" in refused(tmp_path / "v.mp4", tmp_path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_empty_file(tmp_path: Path) -> None:
+    (tmp_path / "v.mp4").touch()
+    assert "not a readable video" in refused(tmp_path / "v.mp4", tmp_path)
+
+
+def test_one_frame(tmp_path: Path) -> None:
+    assert "at least 2" in refused(write_video(tmp_path / "v.mkv", pan([0.0])), tmp_path)
+
+
+def test_empty_folder(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    assert "no photos" in refused(tmp_path / "photos", tmp_path)
+
+
+def test_broken_photo(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "photos", pan([0.0, 20.0]))
+    (folder / "img3.png").write_bytes(b"nothing of the kind")
+    with pytest.raises(BadInputError, match=r"img3\.png: not a readable image"):
+        keep(folder, tmp_path)
+
+
+def test_photos_of_two_sizes(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "photos", [*pan([0.0, 20.0]), wallpaper()[:100, :100]])
+    assert "100x100" in refused(folder, tmp_path)
+
+
+def test_truncated_video_gives_what_decodes(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = write_video(tmp_path / "whole.mkv", pan([5.0 * i for i in range(60)])).read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) // 2])
+    kept = keep(tmp_path / "cut.mkv", tmp_path)
+    assert 25 <= len(kept) <= 31
+    assert "truncated" in kept.warnings[0]
+    assert capfd.readouterr() == ("", "")
+
+
+def test_whole_video_has_no_warning(tmp_path: Path) -> None:
+    kept = keep(write_video(tmp_path / "v.mkv", pan([5.0 * i for i in range(30)])), tmp_path)
+    assert kept.warnings == ()
+
+
+def exif(tags: dict[int, tuple[str, float]]) -> bytes:
+    """An APP1 segment with one directory; 'H' and 'I' stand in the entry, 'R' behind."""
+    entries, tail = b"", b""
+    start = 8 + 2 + 12 * len(tags) + 4
+    for tag, (kind, value) in sorted(tags.items()):
+        if kind == "R":
+            entries += struct.pack("<HHII", tag, 5, 1, start + len(tail))
+            tail += struct.pack("<II", round(value * 1000), 1000)
+        else:
+            entries += struct.pack("<HHI", tag, 3, 1) + struct.pack("<HH", int(value), 0)
+    body = b"II*\0" + struct.pack("<I", 8) + struct.pack("<H", len(tags)) + entries
+    payload = b"Exif\0\0" + body + struct.pack("<I", 0) + tail
+    return b"\xff\xe1" + struct.pack(">H", len(payload) + 2) + payload
+
+
+def photo_with(path: Path, tags: dict[int, tuple[str, float]]) -> Path:
+    _, jpeg = cv2.imencode(".jpg", wallpaper()[:100, :200])
+    content = jpeg.tobytes()
+    path.write_bytes(content[:2] + exif(tags) + content[2:])
+    return path
+
+
+def test_focal_from_35_mm_equivalent(tmp_path: Path) -> None:
+    prior = focal_of_photo(photo_with(tmp_path / "a.jpg", {0xA405: ("H", 27)}))
+    assert prior is not None
+    assert prior.relative == pytest.approx(27 / 36)
+
+
+def test_focal_of_a_resized_photo_uses_the_original_size(tmp_path: Path) -> None:
+    tags = {
+        0x920A: ("R", 4.5),
+        0xA002: ("H", 4000),
+        0xA003: ("H", 3000),
+        0xA20E: ("R", 16393.443),
+        0xA210: ("H", 2),
+    }
+    prior = focal_of_photo(photo_with(tmp_path / "a.jpg", tags))
+    assert prior is not None
+    assert prior.relative == pytest.approx(4.5 / (4000 / 16393.443 * 25.4), rel=1e-4)
+
+
+def test_photo_without_metadata_has_no_focal(tmp_path: Path) -> None:
+    assert focal_of_photo(photo_with(tmp_path / "a.jpg", {})) is None
+
+
+def test_focal_from_video_metadata() -> None:
+    key = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
+    prior = focal_of_video({key: "26", "encoder": "x"})
+    assert prior is not None
+    assert prior.relative == pytest.approx(26 / 36)
+    assert focal_of_video({"encoder": "x"}) is None
+
+
+def test_focal_priors_of_real_cameras(shared_data: Path) -> None:
+    sfm = shared_data / "2_sfm"
+    caliterra = focal_of_photo(sfm / "drone_caliterra_gps/images_half/IMG_9354.jpg")
+    brighton = focal_of_photo(sfm / "drone_brighton_beach_gps/images_half/DJI_0018.JPG")
+    assert caliterra is not None
+    assert brighton is not None
+    assert caliterra.relative == pytest.approx(0.726, abs=0.01)
+    assert brighton.relative == pytest.approx(20 / 36, abs=0.01)
