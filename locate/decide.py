@@ -10,7 +10,7 @@ from geometry.trajectory import Trajectory
 from locate import __version__
 from locate.fusion.bearings import find_bearings
 from locate.fusion.fuse import fuse
-from locate.fusion.limit import RADIUS_UNITS, detection_limit_px
+from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.observe import Recorded, load_detections
 from locate.plume import PlumeMap
@@ -21,6 +21,10 @@ ONE_VIEWPOINT = (
 )
 PLUME_RANGE_SHARE = 0.7
 FREE_SCALE = "The scale is free: lengths are in scene units, not metres."
+BLIND = (
+    f"Even a plume of {AMPLITUDES_PX[-1]:.0f} px would have been missed in half of the places: "
+    "that none was found says little here."
+)
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 
 
@@ -54,6 +58,8 @@ def decide(detections: Path, recorded: Recorded, evidence: Path, *, seed: int) -
         notes.append(FREE_SCALE)
     if not trajectory.gravity:
         notes.append(GUESSED_UP)
+    if limit_px is None:
+        notes.append(BLIND)
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,

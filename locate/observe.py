@@ -15,6 +15,7 @@ from geometry.camera import Camera
 from geometry.trajectory import Trajectory
 from locate.images import FrameImages
 from locate.journal import Report
+from locate.video.motion import median_motion
 
 ENDS = 3
 
@@ -47,6 +48,12 @@ class Recorded:
         if self.trajectory is None:
             return None
         return replace(self.trajectory, camera=self.camera.undistorted())
+
+    def drift_px(self) -> float:
+        """How far the image moves from the first frame to the middle and the last, median, px."""
+        images = FrameImages([self.folder / name for name in self.names])
+        ends = (len(images) // 2, len(images) - 1)
+        return max(median_motion(images[0], images[end]) for end in ends)
 
     def rows(self, indices: Sequence[int]) -> IntArray:
         """Which rows the frames of these indices are."""

@@ -20,6 +20,7 @@ from locate.run_folder import RunFolder, fingerprint_of
 from locate.video import KeyFrames, open_recording, select_frames
 
 GUESSED_FOCAL = 1.2
+MOVING_SHARE = 0.02
 
 
 class Run:
@@ -107,20 +108,16 @@ class Run:
 
     def _recorded(self) -> Recorded:
         """The frames with all that is known of their camera and its poses."""
-        frames = self._key_frames
-        if self._detector_name() == "bos":
-            if not frames.static:
-                raise BadInputError(
-                    f"{self.config.recording}: bos needs a camera at rest and this one moves; "
-                    "use --detector registered"
-                )
-            return Recorded(folder=self.root / "frames", names=frames.names, **self._still_camera())
-        if frames.static and self.config.poses is None:
-            raise RegistrationError(
-                RegistrationFailure.STATIC_CAMERA,
-                "one viewpoint gives directions, no positions; use --detector bos for bearings",
-            )
-        self._find_poses()
+        asked, frames = self.config.detector, self._key_frames
+        self._detector = "registered" if asked == "auto" else asked
+        if asked == "bos" or (asked == "auto" and frames.static and self.config.poses is None):
+            return self._still()
+        try:
+            self._find_poses()
+        except RegistrationError as error:
+            if asked == "auto" and error.failure is RegistrationFailure.STATIC_CAMERA:
+                return self._still()
+            raise
         trajectory = Trajectory.load(self.root / "trajectory.json")
         names = dict(zip(frames.indices.tolist(), frames.names, strict=True))
         return Recorded(
@@ -131,12 +128,26 @@ class Run:
             trajectory=trajectory,
         )
 
-    def _still_camera(self) -> dict[str, Any]:
+    def _still(self) -> Recorded:
+        """The frames of a camera at rest, for the bos detector."""
+        self._detector = "bos"
         frames, camera = self._key_frames, self._known_camera()
         if camera is None:
             focal_px = self._focal_prior_px() or GUESSED_FOCAL * max(frames.width, frames.height)
             camera = Camera.pinhole(frames.width, frames.height, focal_px)
-        return {"indices": frames.indices, "camera": camera}
+        recorded = Recorded(
+            folder=self.root / "frames",
+            names=frames.names,
+            indices=frames.indices,
+            camera=camera,
+        )
+        drift_px = recorded.drift_px()
+        if drift_px > MOVING_SHARE * frames.width:
+            raise BadInputError(
+                f"{self.config.recording}: bos needs a camera at rest and the image moves by "
+                f"{drift_px:.0f} px; use --detector registered"
+            )
+        return recorded
 
     def _find_poses(self) -> None:
         config = self.config
@@ -177,23 +188,18 @@ class Run:
         trajectory.save(folder / "trajectory.json")
         return f"{len(trajectory)} of {len(self._key_frames)} frames, given"
 
-    def _detector_name(self) -> str:
-        if self.config.detector != "auto":
-            return self.config.detector
-        return "bos" if self._key_frames.static else "registered"
-
     def _detect(self, recorded: Recorded) -> None:
         def build(folder: Path) -> str:
             return observe(
                 recorded,
-                self._detector_name(),
+                self._detector,
                 folder / "detections",
                 points_path=self.root / "sfm" / "points.npz",
                 most=self.config.detection_frames,
                 report=self._report,
             )
 
-        inputs = {"detector": self._detector_name(), "frames": self.config.detection_frames}
+        inputs = {"detector": self._detector, "frames": self.config.detection_frames}
         after = ("frames",) if recorded.trajectory is None else ("frames", "poses")
         self.folder.stage("detections", after=after, inputs=inputs, build=build)
 
@@ -218,7 +224,7 @@ class Run:
         known = self.config.camera or self.config.poses or self.config.focal_px
         if known or self._key_frames.focal_prior_px is not None:
             return ()
-        how = "guessed" if self._key_frames.static else "estimated from the frames"
+        how = "guessed" if self._detector == "bos" else "estimated from the frames"
         return (f"The focal length is {how}; give it with --focal or --camera if you know it.",)
 
     def _publish(self, recorded: Recorded) -> None:

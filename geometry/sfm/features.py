@@ -12,11 +12,14 @@ from geometry.camera import Camera
 
 MAX_FEATURES = 1500
 FIRST_OCTAVE = 0
+FINE_MAX_FEATURES = 4096
+FINE_FIRST_OCTAVE = -1
 DEFAULT_FOCAL_FACTOR = 1.2
 EXHAUSTIVE_UP_TO = 60
 SEED = 0
 THREADS = 1
 CHUNK = 10
+SEQUENTIAL_OCTAVES = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +48,8 @@ def extract(
     names: Sequence[str],
     camera: pycolmap.Camera,
     on_share: Callable[[float], None],
+    *,
+    fine: bool = False,
 ) -> list[int]:
     """Finds features in every image; all images share `camera`.
 
@@ -54,6 +59,7 @@ def extract(
         names: File names in it.
         camera: What to start from.
         on_share: Called with the share of the images done.
+        fine: More and smaller features, at four times the cost.
 
     Returns:
         The number of features of each image.
@@ -64,8 +70,8 @@ def extract(
     reader.camera_params = ", ".join(repr(float(value)) for value in camera.params)
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = THREADS
-    options.sift.max_num_features = MAX_FEATURES
-    options.sift.first_octave = FIRST_OCTAVE
+    options.sift.max_num_features = FINE_MAX_FEATURES if fine else MAX_FEATURES
+    options.sift.first_octave = FINE_FIRST_OCTAVE if fine else FIRST_OCTAVE
     for start in range(0, len(names), CHUNK):
         pycolmap.extract_features(
             database,
@@ -85,7 +91,7 @@ def extract(
 
 
 def match(database: Path, *, sequential: bool) -> None:
-    """Matches neighbours at steps of 1 to 10 and powers of two, or every pair."""
+    """Matches images 1, 2, 4, 8, ... steps apart, or every pair."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = THREADS
     verification = pycolmap.TwoViewGeometryOptions()
@@ -94,7 +100,7 @@ def match(database: Path, *, sequential: bool) -> None:
         pycolmap.match_exhaustive(database, matching, verification_options=verification)
         return
     pairing = pycolmap.SequentialPairingOptions()
-    pairing.overlap = 10
+    pairing.overlap = SEQUENTIAL_OCTAVES
     pairing.quadratic_overlap = True
     pairing.num_threads = THREADS
     pycolmap.match_sequential(database, matching, pairing, verification_options=verification)

@@ -80,7 +80,7 @@ def adjust(model: pycolmap.Reconstruction, *, refine_camera: bool) -> None:
     options.ceres.loss_function_scale = residual_sigma_px(model)
     options.ceres.solver_options.num_threads = THREADS
     options.ceres.solver_options.max_num_iterations = 50
-    options.ceres.solver_options.function_tolerance = 1e-6
+    options.ceres.solver_options.function_tolerance = 1e-4
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)

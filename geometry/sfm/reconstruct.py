@@ -81,14 +81,7 @@ def reconstruct(
         )
     workdir.mkdir(parents=True, exist_ok=True)
     database = workdir / "database.db"
-    counts = features.extract(
-        database, image_dir, names, start, lambda share: tell("finding features", share)
-    )
-    checks.check_features(counts)
-    tell("matching features", 0.0)
-    features.match(database, sequential=ordered or len(names) > features.EXHAUSTIVE_UP_TO)
-    tell("matching features", 1.0)
-    pairs = features.read_pairs(database, names)
+    pairs = _matched_pairs(database, image_dir, names, start, ordered, tell)
     checks.check_matches(pairs, Camera.from_colmap(start), len(names))
     job = _Job(
         image_dir=image_dir,
@@ -105,6 +98,36 @@ def reconstruct(
     finished = _finish(job, solution, indices, times_s, ordered, focal_prior_px)
     tell("adjusting", 1.0)
     return finished
+
+
+def _matched_pairs(
+    database: Path,
+    image_dir: Path,
+    names: list[str],
+    camera: pycolmap.Camera,
+    ordered: bool,
+    tell: Progress,
+) -> list[features.MatchedPair]:
+    """Verified pairs; where few frames hang together, again with more features and every pair."""
+    for fine in (False, True):
+        counts = features.extract(
+            database,
+            image_dir,
+            names,
+            camera,
+            lambda share: tell("finding features", share),
+            fine=fine,
+        )
+        if fine:
+            checks.check_features(counts)
+        tell("matching features", 0.0)
+        many = len(names) > features.EXHAUSTIVE_UP_TO
+        features.match(database, sequential=many or (ordered and not fine))
+        tell("matching features", 1.0)
+        pairs = features.read_pairs(database, names)
+        if checks.largest_component(pairs, len(names))[0] >= checks.MIN_SHARE * len(names):
+            break
+    return pairs
 
 
 def _image_size(path: Path) -> tuple[int, int]:
@@ -200,7 +223,7 @@ def _no_model(
 ) -> RegistrationError:
     count = len(job.names)
     connected, parts = checks.largest_component(job.pairs, count)
-    if reasons:
+    if reasons and connected >= checks.MIN_SHARE * count:
         return checks.fail(RegistrationFailure.IMPLAUSIBLE_POSES, ", ".join(reasons))
     registered = models[0].num_reg_images() if models else 0
     what = f"{registered} of {count} frames registered"

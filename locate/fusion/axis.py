@@ -1,5 +1,6 @@
 """The axis of a column measured in each view: where, across it, the evidence lies."""
 
+import warnings
 from dataclasses import dataclass
 
 import cv2
@@ -19,22 +20,24 @@ from locate.fusion.column import (
 )
 from locate.fusion.views import Views
 
-HEIGHTS = 16
+HEIGHTS, SECTIONS = 6, (0.0, 0.15, 0.35, 0.6, 1.0)
 REACH_RADII = 2.5
 PROFILE_SAMPLES = 81
 SEARCH_RADII = 1.6
 VIEW_SAW_NATS = 0.5
 LEAST_RADIUS_PX = 2.0
-ENDS_FROM_HALVES = np.array([[1.5, -0.5], [-0.5, 1.5]])
+SMALLEST_SCATTER_PX = 0.5
+FEWEST_SECTIONS = 2
+BEND = 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisSightings:
     """Where each view sees the axis, at two points of it: its lowest and its highest.
 
-    Both are drawn through the middles of the lower and the upper half, which are measured: a
-    plume that sways shifts its halves against each other, so their errors are correlated, and
-    only the scatter of the drawn points themselves says how sure a source at the base can be.
+    Both lie on the line through what the view measured in the sections of the axis. A plume that
+    sways shifts its sections against each other, the upper ones most, so only the scatter of the
+    drawn points themselves says how sure a source at the base can be.
 
     Attributes:
         heights: (2,) of the points above the column's lowest point, along world Z.
@@ -52,36 +55,64 @@ class AxisSightings:
 
 
 def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
-    """Matches, across the axis, each half's evidence with the outline of the column.
+    """Matches, across the axis, each section's evidence with the outline of the column.
 
     The offset is that of the outline which holds the most evidence; a centroid would be drawn
     to wherever its window stands.
     """
-    heights = column[HEIGHT] * (np.arange(HEIGHTS) + 0.5) / HEIGHTS
-    halves = heights.reshape(2, -1)
-    nodes = np.array([0.0, column[HEIGHT]])
-    points = spine(column[None], nodes[None])[0]
+    middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
+    low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
+    sections = column[HEIGHT] * (low + (high - low) * middles)
+    ends = np.array([0.0, column[HEIGHT]])
+    points = spine(column[None], ends[None])[0]
     saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
-    normal = np.zeros((len(views), 2, 2))
-    offset = np.full((len(views), 2), np.nan)
+    normal = np.zeros((len(views), len(sections), 2))
+    offset = np.full((len(views), len(sections)), np.nan)
     for i in np.flatnonzero(saw):
-        for node, half in enumerate(halves):
-            offset[i, node], normal[i, node] = _match(views, int(i), column, half)
-    offset = offset @ ENDS_FROM_HALVES.T
+        for k, heights in enumerate(sections):
+            offset[i, k], normal[i, k] = _match(views, int(i), column, heights)
     projected = np.stack([views.trajectory.project(i, points) for i in range(len(views))])
+    length_px = np.nanmedian(np.linalg.norm(projected[:, 1] - projected[:, 0], axis=-1))
+    drawn = _draw_lines(sections.mean(axis=1), offset, ends, BEND * length_px / ends[1])
+    end_normal = normal[:, [0, -1]]
     return AxisSightings(
-        heights=nodes,
+        heights=ends,
         points=points,
-        pixel=projected + offset[..., None] * normal,
-        normal=normal,
-        offset_px=offset,
+        pixel=projected + drawn[..., None] * end_normal,
+        normal=end_normal,
+        offset_px=drawn,
     )
+
+
+def _draw_lines(
+    heights: FloatArray, offset: FloatArray, ends: FloatArray, bend_px: float
+) -> FloatArray:
+    """(V, 2) each view's offsets (V, S) at (S,) heights, drawn as a line to the two ends.
+
+    Sections that scatter much between views weigh little, and so do high ones: a plume bends
+    away from the line in which it sets out, by about `bend_px` per unit of height.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        median = np.nanmedian(offset, axis=0)
+        scatter = 1.4826 * np.nanmedian(np.abs(offset - median), axis=0)
+    scatter = np.nan_to_num(scatter, nan=np.inf)
+    weight = 1 / (scatter**2 + SMALLEST_SCATTER_PX**2 + (bend_px * heights) ** 2)
+    drawn = np.full((len(offset), 2), np.nan)
+    for i, row in enumerate(offset):
+        seen = np.isfinite(row)
+        if seen.sum() >= FEWEST_SECTIONS:
+            line = np.polynomial.Polynomial.fit(
+                heights[seen], row[seen], deg=1, w=np.sqrt(weight[seen])
+            )
+            drawn[i] = line(ends)
+    return drawn
 
 
 def _match(
     views: Views, i: int, column: FloatArray, heights: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Offset in px (NaN where there is none) and normal of one half of the axis in one view."""
+    """Offset in px (NaN where there is none) and normal of a section of the axis in one view."""
     camera, trajectory = views.trajectory.camera, views.trajectory
     points = spine(column[None], heights[None])[0]
     in_cam = trajectory.world_to_cam(i, points)

@@ -3,6 +3,11 @@
 Each view measures where the axis lies across itself, and nothing along it, so the noise of a
 measurement is an ellipse in pixels, tight across the axis. Projection factors take that as it
 is; the tangent basis of a bearing factor turns with the prediction and cannot.
+
+Views close in time see the same sway of the plume, and a camera that moves on steadily cannot
+tell a slow sway from parallax. What that takes from the number of independent views is judged by
+the lag-one correlation where the sway is largest, at the top; at the base the fit has already
+swallowed it.
 """
 
 from dataclasses import dataclass
@@ -87,9 +92,11 @@ def estimate_axis(
     _add_nodes(graph, initial, sightings.points, unit)
     for i in np.flatnonzero(seen.any(axis=1)):
         _add_pose(graph, initial, trajectory, int(i), sightings.points[0])
-    for node in (0, 1):
-        rows = np.flatnonzero(seen[:, node])
-        sigma = _noise_px(sightings.offset_px[rows, node])
+    nodes = [np.flatnonzero(column) for column in seen.T]
+    offsets = [sightings.offset_px[rows, node] for node, rows in enumerate(nodes)]
+    lag = max(_lag_correlation(offset) for offset in offsets)
+    for node, rows in enumerate(nodes):
+        sigma = _scatter_px(offsets[node]) * np.sqrt((1 + lag) / (1 - lag))
         for i in rows:
             _add_sighting(graph, trajectory, sightings, (int(i), node), sigma)
     result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
@@ -101,21 +108,25 @@ def estimate_axis(
     )
 
 
-def _noise_px(offsets: FloatArray) -> float:
-    """Sigma of one view's offset, from the scatter over views, the wildest of them reined in.
+def _scatter_px(offsets: FloatArray) -> float:
+    """Sigma of one view's offset, from the scatter over views, the wildest of them reined in."""
+    centred = _reined_in(offsets)
+    few = len(offsets) / max(len(offsets) - 2, 1)
+    return float(np.sqrt((centred**2).mean() * few + NOISE_FLOOR_PX**2))
 
-    Views close in time see the same meander of the plume, so the scatter is widened by what its
-    lag-one correlation takes from the number of independent views.
-    """
-    centred = offsets - np.median(offsets)
-    typical = np.hypot(1.4826 * np.median(np.abs(centred)), NOISE_FLOOR_PX)
-    centred = centred.clip(-WILD_SIGMAS * typical, WILD_SIGMAS * typical)
-    scatter = float(np.sqrt((centred**2).mean()))
+
+def _lag_correlation(offsets: FloatArray) -> float:
+    """Of neighbouring views, from 0 up to `STRONGEST_CORRELATION`."""
+    centred = _reined_in(offsets)
     power = float((centred**2).sum())
     lag = float((centred[1:] * centred[:-1]).sum()) / power if power > 0 else 0.0
-    lag = min(max(lag, 0.0), STRONGEST_CORRELATION)
-    few = len(offsets) / max(len(offsets) - 2, 1)
-    return float(np.hypot(scatter, NOISE_FLOOR_PX) * np.sqrt(few * (1 + lag) / (1 - lag)))
+    return min(max(lag, 0.0), STRONGEST_CORRELATION)
+
+
+def _reined_in(offsets: FloatArray) -> FloatArray:
+    centred = offsets - np.median(offsets)
+    typical = np.hypot(1.4826 * np.median(np.abs(centred)), NOISE_FLOOR_PX)
+    return np.asarray(centred.clip(-WILD_SIGMAS * typical, WILD_SIGMAS * typical))
 
 
 def _add_nodes(

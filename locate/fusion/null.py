@@ -23,7 +23,7 @@ from locate.fusion.views import Views
 NULL_DRAWS = 12
 NULL_STARTS = 8
 SMALLEST_SHIFT = 0.12
-SMALLEST_SCALE_NATS = 0.1
+SMALLEST_SCALE_NATS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

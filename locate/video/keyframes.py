@@ -72,18 +72,20 @@ def select_frames(
     folder: Path,
     *,
     max_frames: int = 120,
+    target_motion: float = TARGET_MOTION,
     progress: Progress | None = None,
 ) -> KeyFrames:
     """Chooses key frames and writes them as grey PNG files ``folder/{index:06d}.png``.
 
-    A video is thinned to `TARGET_MOTION` of the width between neighbours, photos are all kept;
-    beyond `max_frames` the kept ones are spread evenly over the path of the image motion. A
-    recording by a camera at rest keeps frames evenly in time.
+    A video is thinned to `target_motion` between neighbours, photos are all kept; beyond
+    `max_frames` the kept ones are spread evenly over the path of the image motion. A recording by
+    a camera at rest keeps frames evenly in time.
 
     Args:
         recording: What `open_recording` gave.
         folder: Where to write; made where it is missing.
         max_frames: The most frames to keep.
+        target_motion: Median image motion wanted between neighbours, as a share of the width.
         progress: Called with a stage name and a fraction (-1 where the length is unknown).
 
     Returns:
@@ -92,7 +94,7 @@ def select_frames(
     Raises:
         BadInputError: Fewer than two frames, or frames that cannot be used.
     """
-    every, spaced, still = _watch(recording, progress)
+    every, spaced, still = _watch(recording, target_motion, progress)
     if len(every) < 2:
         raise BadInputError(f"{recording.path}: only {len(every)} frame; at least 2 are needed")
     if still:
@@ -115,7 +117,7 @@ def select_frames(
 
 
 def _watch(
-    recording: Recording, progress: Progress | None
+    recording: Recording, target_motion: float, progress: Progress | None
 ) -> tuple[list[KeyFrame], list[KeyFrame], bool]:
     """Every frame with the motion since the one before, the spaced ones, and whether still."""
     every: list[KeyFrame] = []
@@ -135,8 +137,7 @@ def _watch(
         )
         every.append(seen)
         if spacer is None or stillness is None:
-            target_px = TARGET_MOTION * thumb.shape[1]
-            spacer = _Spacer(_Seen(frame=seen, thumb=thumb), target_px)
+            spacer = _Spacer(_Seen(frame=seen, thumb=thumb), target_motion * thumb.shape[1])
             stillness = StillnessTest(frame.image)
         else:
             spacer.add(_Seen(frame=seen, thumb=thumb))

@@ -61,8 +61,9 @@ def write_photos(folder: Path, frames: list[np.ndarray], suffix: str = ".png") -
     return folder
 
 
-def keep(path: Path, tmp_path: Path, **options: int) -> KeyFrames:
-    return select_frames(open_recording(path), tmp_path / "frames", **options)
+def keep(path: Path, tmp_path: Path, max_frames: int = 120) -> KeyFrames:
+    recording = open_recording(path)
+    return select_frames(recording, tmp_path / "frames", max_frames=max_frames, target_motion=0.015)
 
 
 def test_even_orbit_keeps_every_frame(tmp_path: Path) -> None:

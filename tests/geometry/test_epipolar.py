@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geometry.camera import Camera
+from geometry.epipolar import Epipolar
+from geometry.trajectory import Trajectory
+
+
+@pytest.fixture
+def trajectory() -> Trajectory:
+    rng = np.random.default_rng(0)
+    return Trajectory(
+        camera=Camera.pinhole(640, 480, 560.0),
+        indices=np.arange(3),
+        times_s=np.arange(3.0),
+        rotations=Rotation.from_rotvec(rng.normal(0, 0.05, (3, 3))).as_matrix(),
+        translations=rng.normal(0, 0.5, (3, 3)),
+    )
+
+
+def test_flow_agrees_with_projecting_the_points(trajectory: Trajectory) -> None:
+    pixels = np.array([[10.0, 20.0], [320.0, 240.0], [600.0, 400.0]], np.float32)
+    depth = np.array([4.0, 8.0, 50.0])
+    rays = trajectory.camera.rays(pixels)
+    in_cam = rays * (depth / rays[:, 2])[:, None]
+    in_world = (in_cam - trajectory.translations[0]) @ trajectory.rotations[0]
+    flow = Epipolar.between(trajectory, 0, 2).flow(pixels, 1 / depth)
+    np.testing.assert_allclose(pixels + flow, trajectory.project(2, in_world), atol=1e-3)
+
+
+def test_the_slope_is_the_derivative(trajectory: Trajectory) -> None:
+    pixels = np.array([[100.0, 50.0], [500.0, 470.0]], np.float32)
+    view = Epipolar.between(trajectory, 0, 1)
+    _, slope = view.flow_and_slope(pixels, 0.1)
+    difference = (view.flow(pixels, 0.11) - view.flow(pixels, 0.09)) / 0.02
+    np.testing.assert_allclose(slope, difference, rtol=0.01, atol=0.05)
+
+
+def test_a_frame_towards_itself_stands_still(trajectory: Trajectory) -> None:
+    pixels = np.array([[0.0, 0.0], [639.0, 479.0]], np.float32)
+    flow = Epipolar.between(trajectory, 1, 1).flow(pixels, 0.2)
+    np.testing.assert_allclose(flow, 0, atol=1e-3)
+
+
+def test_inverse_depth_in_another_unit(trajectory: Trajectory) -> None:
+    pixels = np.array([[100.0, 50.0]], np.float32)
+    view = Epipolar.between(trajectory, 0, 1)
+    np.testing.assert_allclose(
+        view.rescaled(0.1).flow(pixels, 2.0), view.flow(pixels, 0.2), atol=1e-4
+    )
