@@ -7,7 +7,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
-	@echo "make bench   the slow tests: accuracy over many seeds, real recordings"
+	@echo "make bench   the slow tests and the benchmarks: hours"
 	@echo "make lint    ruff, mypy and import-linter only"
 
 demo: $(VENV)/runtime.stamp
@@ -19,6 +19,10 @@ test: lint
 
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m slow
+	$(BIN)/python benchmarks/run_cost.py
+	$(BIN)/python benchmarks/fusion_geometry.py
+	$(BIN)/python benchmarks/orbit_scenes.py
+	$(BIN)/python benchmarks/sfm_real.py
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check

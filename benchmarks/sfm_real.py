@@ -190,7 +190,7 @@ def main() -> None:
                 f"{name:15} {report['registered_frames']:3}/{len(frames):<3} "
                 f"{report['method']:12} {cpu_s:6.1f} s  {numbers}  "
                 f"f {report['focal_px']:.1f} (prior {report['focal_prior_px'] or 0:.1f}) "
-                f"opinion {report['second_opinion_center_share']:.4f} "
+                f"opinion {report['second_opinion_center_share']!s:.6} "
                 f"support {report['epipolar_support']:.2f} "
                 f"sigma {report['residual_sigma_px']:.2f} px up {report['up_from']}",
                 flush=True,

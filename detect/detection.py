@@ -8,6 +8,8 @@ from typing import Protocol, Self
 import numpy as np
 
 from geometry.arrays import FloatMap, GreyImage
+from geometry.errors import BadInputError
+from geometry.npz import read_npz
 from geometry.trajectory import Trajectory
 
 
@@ -64,9 +66,16 @@ class Detection:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Reads what `save` wrote."""
-        with np.load(path, allow_pickle=False) as file:
-            return cls(**{name: file[name].astype(np.float32) for name in file.files})
+        """Reads what `save` wrote.
+
+        Raises:
+            BadInputError: The file is missing, broken, or not a detection.
+        """
+        arrays = read_npz(path)
+        try:
+            return cls(**{name: array.astype(np.float32) for name, array in arrays.items()})
+        except (TypeError, ValueError) as error:
+            raise BadInputError(f"{path}: not a detection ({error})") from error
 
 
 class Detector(Protocol):

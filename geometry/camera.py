@@ -24,10 +24,13 @@ class Camera:
 
     Attributes:
         model: COLMAP model name, e.g. ``"PINHOLE"`` or ``"SIMPLE_RADIAL"``.
-        width: Image width in px.
-        height: Image height in px.
-        params: Model parameters in COLMAP's order, in px; the principal point counts from the
-            centre of the top-left pixel.
+        width: Image width in px, positive.
+        height: Image height in px, positive.
+        params: Model parameters in COLMAP's order, in px, finite, focal lengths positive; the
+            principal point counts from the centre of the top-left pixel.
+
+    Raises:
+        BadInputError: One of them is not as said.
     """
 
     model: str
@@ -40,11 +43,22 @@ class Camera:
             model = pycolmap.Camera.create_from_model_name(1, self.model, 1.0, 1, 1)
         except (ValueError, RuntimeError) as error:
             raise BadInputError(f"camera model {self.model!r} is not a COLMAP model") from error
+        focal = model.focal_length_idxs()
+        if not focal:
+            raise BadInputError(f"camera model {self.model} has no focal length; use another model")
         expected = len(model.params)
         if expected != len(self.params):
             raise BadInputError(
                 f"camera model {self.model} takes {expected} parameters, got {len(self.params)}"
             )
+        if self.width <= 0 or self.height <= 0:
+            raise BadInputError(
+                f"camera is {self.width}x{self.height} px; width and height must be positive"
+            )
+        if not np.isfinite(self.params).all():
+            raise BadInputError(f"camera parameters {list(self.params)} must be finite numbers")
+        if min(self.params[i] for i in focal) <= 0:
+            raise BadInputError(f"camera parameters {list(self.params)} need a focal length > 0 px")
 
     @classmethod
     def pinhole(cls, width: int, height: int, focal_px: float) -> Self:
@@ -80,7 +94,7 @@ class Camera:
                 height=int(block["height"]),
                 params=tuple(float(value) for value in block["params"]),
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise BadInputError(f"camera block lacks a valid {error}") from error
 
     def to_dict(self) -> dict[str, Any]:

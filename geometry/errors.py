@@ -9,6 +9,12 @@ class LocateError(Exception):
     exit_code = 1
 
 
+class InterruptedRunError(LocateError):
+    """Somebody stopped the run; nothing already computed is lost."""
+
+    exit_code = 130
+
+
 class BadInputError(LocateError):
     """An input that cannot be used: missing, unreadable, or not what it claims to be."""
 

@@ -23,12 +23,14 @@ class NamedPoses:
         trajectory: Its `indices` merely count the poses unless `has_indices`, its `times_s` too
             unless `has_times`.
         names: Image name of each pose; empty strings where the file has none.
+        path: The file or folder, for messages.
         has_times: The file gives stamps.
         has_indices: The file gives frame indices.
     """
 
     trajectory: Trajectory
     names: tuple[str, ...]
+    path: Path
     has_times: bool = False
     has_indices: bool = False
 
@@ -42,8 +44,9 @@ class NamedPoses:
     ) -> tuple[Trajectory, IntArray]:
         """The poses of a recording's frames.
 
-        By name where the file has names that fit, else by frame index (numbers in the names count
-        as such), else by time, to within 20 ms or half the spacing of the frames.
+        By name, by frame index or by time (to within 20 ms or half the spacing of the frames),
+        whichever finds most frames, in this order where they find as many. Names that are numbers
+        count as indices; where the lowest is 1, as ffmpeg writes them, 1 is the first frame.
 
         Args:
             sources: File name of each of the N frames.
@@ -58,15 +61,19 @@ class NamedPoses:
         Raises:
             BadInputError: Fewer than two frames have a pose, or the camera has another aspect.
         """
-        pose_of = self._by_name(sources) or self._by_index(indices) or self._by_time(times_s)
+        ways = (self._by_name(sources), self._by_index(indices), self._by_time(times_s))
+        pose_of = max(ways, key=len)
         if len(pose_of) < 2:
             raise BadInputError(
-                f"{len(pose_of)} of {len(indices)} frames have a pose in the file; "
+                f"{self.path}: {len(pose_of)} of {len(indices)} frames have a pose in it; "
                 "image names, frame indices or time stamps must fit the recording"
             )
         rows = np.array(sorted(pose_of), dtype=np.int64)
         taken = self.trajectory.take([pose_of[int(row)] for row in rows])
-        camera = taken.camera if size is None else resized(taken.camera, *size)
+        try:
+            camera = taken.camera if size is None else resized(taken.camera, *size)
+        except BadInputError as error:
+            raise BadInputError(f"{self.path}: {error}") from error
         matched = replace(taken, camera=camera, indices=indices[rows], times_s=times_s[rows])
         return matched, rows
 
@@ -113,5 +120,10 @@ def resized(camera: Camera, width: int, height: int) -> Camera:
 
 
 def _numbers(names: Sequence[str]) -> list[int]:
+    """The names as frame indices; empty where one is no number."""
     stems = [Path(name).stem for name in names]
-    return [int(stem) for stem in stems] if all(stem.isdigit() for stem in stems) else []
+    if not stems or not all(stem.isdecimal() for stem in stems):
+        return []
+    numbers = [int(stem) for stem in stems]
+    first = 1 if min(numbers) == 1 else 0
+    return [number - first for number in numbers]

@@ -22,6 +22,7 @@ from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses, resized
 from geometry.trajectory import Trajectory
 
+MAX_SKEW = 0.01
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
 DISTORTION = {"OPENCV": ("k1", "k2", "p1", "p2"), "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4")}
 
@@ -51,7 +52,8 @@ def read_named_poses(path: Path, camera: Camera | None = None) -> NamedPoses:
     found = Trajectory.load(path)
     if camera is not None:
         found = replace(found, camera=camera)
-    return NamedPoses(trajectory=found, names=("",) * len(found), has_times=True, has_indices=True)
+    unnamed = ("",) * len(found)
+    return NamedPoses(trajectory=found, names=unnamed, path=path, has_times=True, has_indices=True)
 
 
 def read_poses(path: Path, camera: Camera | None = None) -> Trajectory:
@@ -121,7 +123,15 @@ def _world_from_cam(trajectory: Trajectory) -> Rotation:
     return Rotation.from_matrix(trajectory.rotations).inv()
 
 
-def _counted(camera: Camera, rotations: FloatArray, translations: FloatArray) -> Trajectory:
+def _counted(
+    path: Path, camera: Camera, rotations: FloatArray, translations: FloatArray
+) -> Trajectory:
+    if not (np.isfinite(rotations).all() and np.isfinite(translations).all()):
+        raise BadInputError(f"{path}: holds a pose whose numbers are not all finite")
+    if not np.allclose(rotations @ np.swapaxes(rotations, 1, 2), np.eye(3), atol=MAX_SKEW):
+        raise BadInputError(f"{path}: holds a pose whose rotation is not one (skewed or scaled)")
+    if (np.linalg.det(rotations) < 0).any():
+        raise BadInputError(f"{path}: holds a pose whose rotation is not one (mirrored)")
     count = np.arange(len(rotations))
     return Trajectory(
         camera=camera,
@@ -143,9 +153,10 @@ def _read_tum(path: Path, camera: Camera | None) -> NamedPoses:
     if rows.shape[1] != 8 or not np.isfinite(rows).all():
         raise BadInputError(f"{path}: a TUM line has 8 numbers, stamp tx ty tz qx qy qz qw")
     order = np.argsort(rows[:, 0], kind="stable")
-    found = _counted(camera, rotation.as_matrix()[order], -rotation.apply(rows[:, 1:4])[order])
+    translations = -rotation.apply(rows[:, 1:4])
+    found = _counted(path, camera, rotation.as_matrix()[order], translations[order])
     stamped = replace(found, times_s=rows[order, 0])
-    return NamedPoses(trajectory=stamped, names=("",) * len(rows), has_times=True)
+    return NamedPoses(trajectory=stamped, names=("",) * len(rows), path=path, has_times=True)
 
 
 def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
@@ -158,11 +169,15 @@ def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
     if camera is None and len(cameras) != 1:
         raise BadInputError(f"{folder}: {len(cameras)} cameras; expected the images of one camera")
     poses = [image.cam_from_world() for image in images]
-    own = camera or Camera.from_colmap(model.camera(cameras.pop()))
+    try:
+        own = camera or Camera.from_colmap(model.camera(cameras.pop()))
+    except BadInputError as error:
+        raise BadInputError(f"{folder}: {error}") from error
     rotations = np.array([pose.rotation.matrix() for pose in poses]).reshape(-1, 3, 3)
     translations = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     names = tuple(image.name for image in images)
-    return NamedPoses(trajectory=_counted(own, rotations, translations), names=names)
+    found = _counted(folder, own, rotations, translations)
+    return NamedPoses(trajectory=found, names=names, path=folder)
 
 
 def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None) -> NamedPoses:
@@ -171,11 +186,17 @@ def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None)
         matrices = np.array([frame["transform_matrix"] for frame in frames], dtype=float)
         names = tuple(str(frame["file_path"]) for frame in frames)
         own = camera or _camera_from_block(content)
+        if not np.isfinite(matrices).all():
+            raise BadInputError("holds a pose whose numbers are not all finite")
         rotations = OPENCV_FROM_OPENGL @ np.swapaxes(matrices[:, :3, :3], 1, 2)
         translations = -np.einsum("nij,nj->ni", rotations, matrices[:, :3, 3])
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except BadInputError as error:
+        raise BadInputError(f"{path}: {error}") from error
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise BadInputError(f"{path}: not a readable transforms.json ({error!r})") from error
-    return NamedPoses(trajectory=_counted(own, rotations, translations), names=names)
+    return NamedPoses(
+        trajectory=_counted(path, own, rotations, translations), names=names, path=path
+    )
 
 
 def _camera_from_block(content: dict[str, Any]) -> Camera:

@@ -15,6 +15,7 @@ from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 
 SCHEMA = "locate.trajectory/1"
+READABLE_SCHEMAS = (SCHEMA, "locate.truth/1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,10 +139,15 @@ class Trajectory:
         """Reads the content of trajectory.json (or of truth.json, which carries the same block).
 
         Raises:
-            BadInputError: A key is missing or has the wrong shape.
+            BadInputError: Another schema, a key that is missing or has the wrong shape, a pose that
+                is not finite, or an index that comes twice.
         """
+        schema = content.get("schema")
+        if schema not in READABLE_SCHEMAS:
+            expected = " or ".join(READABLE_SCHEMAS)
+            raise BadInputError(f"trajectory has schema {schema!r}, expected {expected}")
         try:
-            frames = content["frames"]
+            frames = sorted(content["frames"], key=lambda frame: int(frame["index"]))
             unknown = np.full((6, 6), np.nan)
             covariances = np.array(
                 [unknown if f.get("covariance") is None else f["covariance"] for f in frames],
@@ -149,7 +155,7 @@ class Trajectory:
             ).reshape(-1, 6, 6)
             poses = [f["cam_from_world"] for f in frames]
             quaternions = np.array([p["rotation_xyzw"] for p in poses], dtype=float).reshape(-1, 4)
-            return cls(
+            found = cls(
                 camera=Camera.from_dict(content["camera"]),
                 indices=np.array([f["index"] for f in frames], dtype=np.int64),
                 times_s=np.array([f["time_s"] for f in frames], dtype=float),
@@ -159,8 +165,20 @@ class Trajectory:
                 metric=content["units"] == "m",
                 gravity=bool(content["gravity"]),
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise BadInputError(f"trajectory lacks a valid {error}") from error
+        found._check_values()
+        return found
+
+    def _check_values(self) -> None:
+        numbers = np.column_stack([self.times_s, self.translations, self.rotations.reshape(-1, 9)])
+        strange = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
+        if len(strange):
+            index = self.indices[strange[0]]
+            raise BadInputError(f"frame {index}: time and pose must be finite numbers")
+        repeated = np.flatnonzero(np.diff(self.indices) == 0)
+        if len(repeated):
+            raise BadInputError(f"frame {self.indices[repeated[0]]} comes more than once")
 
     def save(self, path: Path) -> None:
         """Writes trajectory.json."""

@@ -6,16 +6,14 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import click
 import typer
 from rich.console import Console
 
 from geometry.errors import LocateError
 from locate import __version__
 from locate.config import DetectorName, RunConfig
-from locate.journal import journal, progress_bars, silent
+from locate.journal import interruptible, journal, progress_bars, silent
 
-INTERRUPTED = 130
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 app = typer.Typer(
@@ -96,7 +94,7 @@ def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None
     from locate.export.table import map_table
     from locate.pipeline import Run
 
-    with progress_bars(err) as report:
+    with interruptible(), progress_bars(err) as report:
         job = Run(config, output, force=force, report=silent if verbose else report)
         with journal(output / "log.jsonl", console=err if verbose else None):
             plume_map = job.run()
@@ -162,14 +160,9 @@ def evaluate(
 def main() -> None:
     """Runs the command; every expected failure becomes one line and an exit code."""
     try:
-        app(standalone_mode=False)
+        app()
     except LocateError as error:
         _fail(str(error), error.exit_code)
-    except click.ClickException as error:
-        error.show()
-        sys.exit(error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        _fail("interrupted; the same command goes on from here", INTERRUPTED)
     except OSError as error:
         if error.errno not in NO_SPACE:
             raise

@@ -20,6 +20,7 @@ ONE_VIEWPOINT = (
     "Move the camera around the scene for a 3D map."
 )
 PLUME_RANGE_SHARE = 0.7
+HOTTEST_RISE_K = 2000.0
 FREE_SCALE = "The scale is free: lengths are in scene units, not metres."
 BLIND = (
     f"Even a plume of {AMPLITUDES_PX[-1]:.0f} px would have been missed in half of the places: "
@@ -51,8 +52,10 @@ def decide(detections: Path, recorded: Recorded, evidence: Path, *, seed: int) -
         )
     views = Views.from_detections(found, trajectory.take(recorded.rows(indices)))
     fused = fuse(views, seed=seed)
-    save_grid(fused.grid, evidence)
-    limit_px = detection_limit_px(views, fused.threshold_nats, views.unit, seed=seed)
+    limit_px = None
+    if fused.grid is not None:
+        save_grid(fused.grid, evidence)
+        limit_px = detection_limit_px(views, fused.threshold_nats, views.unit, seed=seed)
     notes = []
     if not trajectory.metric:
         notes.append(FREE_SCALE)
@@ -73,17 +76,21 @@ def decide(detections: Path, recorded: Recorded, evidence: Path, *, seed: int) -
 
 
 def _limit_k(limit_px: float | None, views: Views, trajectory: Trajectory) -> float | None:
-    """The limit as the temperature rise of a usual plume before the median background."""
+    """The limit as the temperature rise of a usual plume before the median background.
+
+    None where no flame is hot enough: warm air bends light less and less as it thins.
+    """
     if limit_px is None:
         return None
     range_m = views.unit / RANGE_TO_UNIT
-    return temperature_rise_k(
+    rise_k = temperature_rise_k(
         limit_px,
         radius_m=RADIUS_UNITS * views.unit,
         range_to_plume_m=PLUME_RANGE_SHARE * range_m,
         range_to_background_m=range_m,
         focal_px=trajectory.camera.focal_px,
     )
+    return rise_k if rise_k < HOTTEST_RISE_K else None
 
 
 def save_grid(grid: EvidenceGrid, path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import overload
 import cv2
 import numpy as np
 
+from detect.warp import sample
 from geometry.arrays import FloatMap, GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
@@ -53,11 +54,7 @@ class FrameImages(Sequence[GreyImage]):
         if image is None:
             raise BadInputError(f"{path}: not a readable image; repeat the run with --force")
         if self._map is not None:
-            # Cubic interpolation in OpenCV 5 bends the image itself; twice the size, linearly,
-            # is exact in position.
-            double = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
-            place = 2 * self._map + 0.5
-            image = cv2.remap(double, place, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+            image = np.rint(sample(image, self._map)).clip(0, 255)
         return np.asarray(image, np.uint8)
 
 

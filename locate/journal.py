@@ -18,6 +18,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from geometry.errors import InterruptedRunError, LocateError
+
 Report: TypeAlias = Callable[[str, float], None]
 FIELDS = ("stage", "wall_s", "cpu_s")
 
@@ -55,11 +57,23 @@ def journal(path: Path, *, console: Console | None = None) -> Iterator[None]:
         log.addHandler(handler)
     try:
         yield
+    except LocateError as error:
+        log.error(str(error))
+        raise
     finally:
         log.setLevel(before)
         for handler in handlers:
             log.removeHandler(handler)
             handler.close()
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Turns Ctrl-C into one line that says how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise InterruptedRunError("interrupted; the same command goes on from here") from None
 
 
 @contextmanager
@@ -76,8 +90,8 @@ def progress_bars(console: Console) -> Iterator[Report]:
 
         def report(stage: str, share: float) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=1.0)
-            known = share >= 0
-            bars.update(tasks[stage], total=1.0 if known else None, completed=max(share, 0))
+                tasks[stage] = bars.add_task(stage, total=None)
+            if share >= 0:
+                bars.update(tasks[stage], total=1.0, completed=share)
 
         yield report

@@ -1,6 +1,8 @@
 """The run: from a recording to a map, by stages that are joined by files."""
 
+import errno
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ from locate.video import KeyFrames, open_recording, select_frames
 
 GUESSED_FOCAL = 1.2
 MOVING_SHARE = 0.02
+SFM_BYTES_PER_FRAME = 1_000_000
 
 
 class Run:
@@ -32,6 +35,9 @@ class Run:
         force: Do every stage again.
         report: Told how far each stage is.
     """
+
+    _key_frames: KeyFrames
+    _detector: str
 
     def __init__(
         self, config: RunConfig, output: Path, *, force: bool = False, report: Report = silent
@@ -53,6 +59,7 @@ class Run:
         self._detect(recorded)
         self._decide(recorded)
         self._publish(recorded)
+        self.folder.withdraw_others()
         return PlumeMap.load(self.root / "map.json")
 
     def _frames(self) -> None:
@@ -86,7 +93,7 @@ class Run:
         try:
             content = json.loads(self.config.camera.read_text())
             camera = Camera.from_dict(content.get("camera", content))
-        except (OSError, ValueError, AttributeError) as error:
+        except (OSError, ValueError, AttributeError, BadInputError) as error:
             raise BadInputError(f"{self.config.camera}: not a camera file ({error})") from error
         return self._at_frame_size(camera)
 
@@ -161,6 +168,8 @@ class Run:
 
     def _register(self, folder: Path) -> str:
         frames = self._key_frames
+        if shutil.disk_usage(folder).free < len(frames) * SFM_BYTES_PER_FRAME:
+            raise OSError(errno.ENOSPC, "too little space for structure from motion", str(folder))
         result = reconstruct(
             self.root / "frames",
             frames.names,
@@ -199,7 +208,11 @@ class Run:
                 report=self._report,
             )
 
-        inputs = {"detector": self._detector, "frames": self.config.detection_frames}
+        inputs = {
+            "detector": self._detector,
+            "frames": self.config.detection_frames,
+            "camera": recorded.camera.to_dict(),
+        }
         after = ("frames",) if recorded.trajectory is None else ("frames", "poses")
         self.folder.stage("detections", after=after, inputs=inputs, build=build)
 
@@ -217,7 +230,7 @@ class Run:
             self._report("fusion", 1)
             return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
 
-        inputs = {"seed": self.config.seed}
+        inputs = {"seed": self.config.seed, "notes": self._focal_notes()}
         self.folder.stage("fusion", after=("detections",), inputs=inputs, build=build)
 
     def _focal_notes(self) -> tuple[str, ...]:

@@ -27,8 +27,10 @@ class Plume:
             lowest part itself was not seen and the source is an extrapolation.
         extent_high: Distance along the axis where evidence ends.
         radius_by_height: (M, 2) of [distance along the axis from the source, radius].
-        evidence_nats: Summed log-likelihood ratio of this plume against none.
-        probability: That this is a plume.
+        evidence_nats: Summed log-likelihood ratio of this plume against none, in independent
+            looks: neighbouring pixels that say the same count once.
+        probability: 1 minus the probability that the same volume without plumes, seen by as many
+            views that agree on nothing, holds a column with that much evidence.
         views: Indices of the frames that saw it.
         displacement_px: Mean displacement it causes in those frames.
         source_hidden: Something stands before the source in the frames that would show it.
@@ -75,8 +77,8 @@ class Bearing:
     Attributes:
         direction_in_cam: (3,) unit vector towards the plume's base; x right, y down, z forward.
         sigma_rad: Standard deviation of the direction, rad.
-        evidence_nats: Summed log-likelihood ratio of this plume against none.
-        probability: That this is a plume.
+        evidence_nats: As of a `Plume`.
+        probability: Likewise, for the frame in place of the volume.
         displacement_px: Mean displacement it causes.
     """
 
@@ -98,8 +100,8 @@ class PlumeMap:
             ``origin_lat_deg, origin_lon_deg, origin_height_m, height_datum``; None where unknown.
         plumes: The plumes, strongest evidence first.
         bearings: Directions to plumes, from a camera that stood still.
-        detection_limit_px: Mean displacement of the weakest plume that would have been found;
-            None where it was not worked out.
+        detection_limit_px: Mean displacement of the weakest plume that would have been found in
+            half of the places looked at; None where none would, or it was not worked out.
         detection_limit_k: The same as a temperature difference, K; only in a metric map.
         notes: What a reader must know, one sentence each.
         detector: Name of the detector.
@@ -124,13 +126,16 @@ class PlumeMap:
 
     def limit_text(self) -> str:
         """What was found, and the weakest plume that would have been, as one sentence."""
-        count = len(self.plumes) + len(self.bearings)
-        found = {0: "None found", 1: "One found"}.get(count, f"{count} found")
+        if self.bearings:
+            count = len(self.bearings)
+            return "One direction found." if count == 1 else f"{count} directions found."
+        found = {0: "None found", 1: "One found"}.get(len(self.plumes), f"{len(self.plumes)} found")
         if self.detection_limit_px is None:
             return f"{found}; the weakest plume that would have been seen is not known."
         kelvin = self.detection_limit_k
         heat = "" if kelvin is None else f", about {kelvin:.2g} K warmer than the air,"
-        return f"{found}; a plume of {self.detection_limit_px:.2g} px{heat} would have been seen."
+        size = f"{self.detection_limit_px:.2g} px"
+        return f"{found}; a plume of {size}{heat} would have been seen in half of the places."
 
     def to_dict(self) -> dict[str, Any]:
         """The content of map.json, schema ``locate.map/1``."""

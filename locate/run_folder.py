@@ -18,6 +18,7 @@ from locate.export.report import StageTime
 
 SCHEMA = "locate.run/1"
 CONFIG, LOG = "config.yaml", "log.jsonl"
+HIDDEN = (".partial", ".stages")
 log = logging.getLogger("locate")
 
 
@@ -42,10 +43,11 @@ class RunFolder:
         self.times: list[StageTime] = []
         self._force = force
         self._fingerprints: dict[str, str] = {}
+        self._done: set[str] = set()
         try:
             root.mkdir(parents=True, exist_ok=True)
             self._claim()
-            for hidden in (".partial", ".stages"):
+            for hidden in HIDDEN:
                 (root / hidden).mkdir(exist_ok=True)
         except OSError as error:
             raise BadInputError(
@@ -55,7 +57,7 @@ class RunFolder:
     def _claim(self) -> None:
         if (self.root / CONFIG).is_file():
             self._check_version()
-        elif any(self.root.iterdir()):
+        elif any(path.name not in (*HIDDEN, LOG) for path in self.root.iterdir()):
             raise BadInputError(
                 f"{self.root}: not empty and not a run folder; choose another folder with -o"
             )
@@ -65,7 +67,7 @@ class RunFolder:
         try:
             content = yaml.safe_load(path.read_text())
             schema = content["schema"]
-        except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError) as error:
             raise BadInputError(f"{path}: not a readable run configuration") from error
         if schema != SCHEMA:
             raise BadInputError(
@@ -99,13 +101,14 @@ class RunFolder:
         depends["after"] = [self._fingerprints[other] for other in after]
         fingerprint = digest(json.dumps(depends, sort_keys=True).encode())
         self._fingerprints[name] = fingerprint
+        self._done.add(name)
         stamp_path = self.root / ".stages" / f"{name}.json"
         stamp = self._standing(stamp_path, fingerprint)
         if stamp is not None:
             self.times.append(StageTime(**stamp["time"]))
             log.info("skipped, its result stands", extra={"stage": name})
             return
-        stamp_path.unlink(missing_ok=True)
+        self._withdraw(stamp_path)
         log.info("start", extra={"stage": name})
         wall, cpu = time.perf_counter(), cpu_seconds()
         partial = self._partial(name, fingerprint)
@@ -125,12 +128,31 @@ class RunFolder:
     def _standing(self, stamp_path: Path, fingerprint: str) -> dict[str, Any] | None:
         if self._force or not stamp_path.is_file():
             return None
-        try:
-            stamp: dict[str, Any] = json.loads(stamp_path.read_text())
-        except ValueError:
-            return None
+        stamp = self._read_stamp(stamp_path)
         whole = all((self.root / output).exists() for output in stamp["outputs"])
         return stamp if whole and stamp["fingerprint"] == fingerprint else None
+
+    def _read_stamp(self, path: Path) -> dict[str, Any]:
+        try:
+            stamp = json.loads(path.read_text())
+            return {name: stamp[name] for name in ("fingerprint", "outputs", "time")}
+        except (ValueError, KeyError, TypeError):
+            return {"fingerprint": "", "outputs": [], "time": {}}
+
+    def _withdraw(self, stamp_path: Path) -> None:
+        """Removes what an earlier run of a stage left, so that no stale file outlives it."""
+        if not stamp_path.is_file():
+            return
+        outputs = self._read_stamp(stamp_path)["outputs"]
+        stamp_path.unlink()
+        for name in outputs:
+            remove(self.root / name)
+
+    def withdraw_others(self) -> None:
+        """Removes the results of stages that an earlier run had and this one has not."""
+        for stamp_path in (self.root / ".stages").glob("*.json"):
+            if stamp_path.stem not in self._done:
+                self._withdraw(stamp_path)
 
     def _partial(self, name: str, fingerprint: str) -> Path:
         """The stage's workshop, kept where it was left by the same stage with the same inputs."""
@@ -144,12 +166,18 @@ class RunFolder:
     def _publish(self, partial: Path) -> list[str]:
         names = sorted(path.name for path in partial.iterdir())
         for name in names:
-            target = self.root / name
-            if target.is_dir():
-                shutil.rmtree(target)
-            (partial / name).replace(target)
+            remove(self.root / name)
+            (partial / name).replace(self.root / name)
         partial.rmdir()
         return names
+
+
+def remove(path: Path) -> None:
+    """Removes a file or a folder, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def cpu_seconds() -> float:

@@ -143,6 +143,8 @@ def _gauge_fixed_covariance(
         return None
     blocks = {i: estimate.get_cam_cov_from_world(i) for i in image_ids}
     free = _free_rows(model, blocks)
+    if free is None:
+        return None
     n = len(image_ids)
     joint = np.zeros((6 * n, 6 * n))
     for a, first in enumerate(image_ids):
@@ -158,13 +160,15 @@ def _gauge_fixed_covariance(
 
 def _free_rows(
     model: pycolmap.Reconstruction, blocks: dict[int, FloatArray | None]
-) -> dict[int, IntArray]:
+) -> dict[int, IntArray] | None:
     """The tangent directions of each camera that the gauge leaves free.
 
     COLMAP holds the whole pose of one camera, and of a second one the component of its translation
-    along which cam1_from_cam2 is longest.
+    along which cam1_from_cam2 is longest. None where no camera of `blocks` is held.
     """
-    held = next(i for i, block in blocks.items() if block is None)
+    held = next((i for i, block in blocks.items() if block is None), None)
+    if held is None:
+        return None
     free = {i: np.arange(6) for i in blocks}
     free[held] = np.arange(0)
     for image_id, block in blocks.items():

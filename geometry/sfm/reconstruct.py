@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,7 +18,27 @@ from geometry.sfm.gauge import normalising_transform
 
 Progress = Callable[[str, float], None]
 
-pycolmap.logging.minloglevel = 3  # every failure is reported through an exception instead
+STAGES = {  # start and share of the whole call
+    "finding features": (0.0, 0.25),
+    "matching features": (0.25, 0.2),
+    "mapping": (0.45, 0.45),
+    "adjusting": (0.9, 0.1),
+}
+FATAL_ONLY = 3  # every other failure is reported through an exception
+
+
+class _Meter:
+    """Turns the fraction of a stage into that of the whole call, which never falls."""
+
+    def __init__(self, report: Progress | None) -> None:
+        self._report = report
+        self._reached = 0.0
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        start, share = STAGES[stage]
+        self._reached = max(self._reached, start + share * fraction)
+        if self._report:
+            self._report(stage, self._reached)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,14 +83,16 @@ def reconstruct(
         camera: A known camera, kept as it is.
         focal_prior_px: Focal length from metadata, refined and checked; ignored with `camera`.
         workdir: Where the database and the COLMAP model (``model/``) go.
-        ordered: Frames of a video. Photos are matched with one another instead.
-        progress: Called with a stage name and a fraction from 0 to 1.
+        ordered: Frames of a video. Photos are each matched with every other instead, up to 60;
+            more are matched with those near them in the order of `names`, as a video is.
+        progress: Called with a stage name and the fraction of the whole call, which never falls.
 
     Raises:
         BadInputError: An image cannot be read or does not fit the camera.
         RegistrationError: The frames cannot be registered; the cause is named.
     """
-    tell = progress or (lambda _stage, _fraction: None)
+    pycolmap.logging.minloglevel = FATAL_ONLY  # pycolmap.bundle_adjustment elsewhere resets it
+    tell = _Meter(progress)
     names = list(names)
     if len(names) < checks.MIN_FRAMES:
         raise checks.fail(RegistrationFailure.TOO_FEW_FRAMES, f"{len(names)} frames")
@@ -286,5 +309,10 @@ def _finish(
         points_in_world=points,
         point_errors_px=errors_px,
         visible=visible,
-        report=report,
+        report={key: _plain(value) for key, value in report.items()},
     )
+
+
+def _plain(value: Any) -> Any:
+    """None for a number that JSON does not know: nothing was measured."""
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -22,7 +22,7 @@ class Reconstruction:
         points_in_world: (M, 3) sparse points, scene units.
         point_errors_px: (M,) mean reprojection error of each point.
         visible: F arrays of rows of `points_in_world`, the points each frame sees.
-        report: Plain numbers and strings for people: see `reconstruct`.
+        report: Plain numbers and strings for people; None where a number is not known.
     """
 
     trajectory: Trajectory
@@ -46,7 +46,7 @@ class Reconstruction:
                 visible_counts=np.array([len(rows) for rows in self.visible], dtype=np.int64),
             )
         report = {"names": list(self.names), "report": self.report}
-        (folder / "report.json").write_text(json.dumps(report, indent=1))
+        (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False))
 
     @classmethod
     def load(cls, folder: Path) -> Self:

@@ -17,7 +17,7 @@ class Alignment:
     Attributes:
         truth_from_map: The transform.
         frames: Number of frames both know.
-        position_rmse: Of the camera centres after alignment, in true units.
+        position_rmse: Of the camera centres after alignment, in the unit of the truth.
         rotation_median_deg: Median angle between the camera orientations after alignment.
     """
 

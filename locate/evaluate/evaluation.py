@@ -27,6 +27,7 @@ class Evaluation:
         misses: Numbers of the true plumes that nothing matched.
         false_plumes: Ids of plumes (or numbers of bearings) that match nothing true.
         frames: Scores frame by frame; empty without detections.
+        units: Of the truth and every length here, ``"m"`` or ``"scene"``.
         notes: What limits this verdict.
     """
 
@@ -36,6 +37,7 @@ class Evaluation:
     misses: tuple[int, ...]
     false_plumes: tuple[int, ...]
     frames: tuple[FrameScore, ...]
+    units: str
     notes: tuple[str, ...]
 
     def frame_median(self, name: str) -> float:
@@ -90,5 +92,6 @@ def evaluate(
         misses=tuple(i for i in range(len(truth.sources)) if i not in found),
         false_plumes=tuple(false_plumes),
         frames=tuple(frames),
+        units=truth.trajectory.units,
         notes=tuple(notes),
     )

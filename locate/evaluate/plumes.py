@@ -22,7 +22,7 @@ class PlumeError:
     Attributes:
         truth: Number of the true plume in truth.json, from 0.
         plume: `id` of the plume in the map.
-        error: Distance between the sources, in true units (m).
+        error: Distance between the sources, in the unit of the truth.
         error_percent: The same in percent of the median range from the cameras to the source.
         nees: Squared error against the stated covariance; 3 is expected, NaN if it is singular.
         axis_error_deg: Angle between the axes.

@@ -24,10 +24,15 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     return table
 
 
+def _unit(evaluation: Evaluation) -> str:
+    return "m" if evaluation.units == "m" else "scene units"
+
+
 def _answer(evaluation: Evaluation) -> Iterator[Row]:
+    unit = _unit(evaluation)
     for plume in evaluation.plumes:
         name = f"plume {plume.plume}"
-        yield f"{name}: source error", f"{plume.error:.3f}", "m"
+        yield f"{name}: source error", f"{plume.error:.3f}", unit
         yield f"{name}: of range", f"{plume.error_percent:.2f}", "%"
         yield f"{name}: NEES, 3 expected", f"{plume.nees:.2f}", ""
         yield f"{name}: axis error", f"{plume.axis_error_deg:.1f}", "deg"
@@ -45,7 +50,7 @@ def _cameras(evaluation: Evaluation) -> Iterator[Row]:
         return
     yield "frames in common", f"{alignment.frames}", ""
     yield "scale, truth over map", f"{alignment.truth_from_map.scale:.4f}", ""
-    yield "camera position rmse", f"{alignment.position_rmse:.4f}", "m"
+    yield "camera position rmse", f"{alignment.position_rmse:.4f}", _unit(evaluation)
     yield "camera rotation median", f"{alignment.rotation_median_deg:.3f}", "deg"
 
 

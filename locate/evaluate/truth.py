@@ -10,6 +10,7 @@ from pydantic import BaseModel, FiniteFloat, ValidationError
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.errors import BadInputError
+from geometry.npz import read_npz
 from geometry.trajectory import Trajectory
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -18,8 +19,6 @@ _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 class _PlumeBlock(BaseModel):
     source: _Vector
     axis: _Vector
-    gas: str
-    amplitude_px: FiniteFloat
 
 
 class _TruthBlock(BaseModel):
@@ -43,14 +42,12 @@ class Truth:
         trajectory: The true cameras.
         sources: (P, 3) of the plumes, in the true world.
         axes: (P, 3) unit vectors of their rise.
-        gases: P names.
     """
 
     folder: Path
     trajectory: Trajectory
     sources: FloatArray
     axes: FloatArray
-    gases: tuple[str, ...]
 
     @classmethod
     def load(cls, folder: Path) -> Self:
@@ -73,7 +70,6 @@ class Truth:
             trajectory=trajectory,
             sources=np.reshape([plume.source for plume in plumes], (-1, 3)).astype(float),
             axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
-            gases=tuple(plume.gas for plume in plumes),
         )
 
     @cached_property
@@ -83,11 +79,22 @@ class Truth:
         return np.asarray(np.median(np.linalg.norm(rays, axis=-1), axis=1))
 
     def frame(self, index: int) -> TruthFrame | None:
-        """The truth of a frame; None where none was written."""
+        """The truth of a frame; None where none was written.
+
+        Raises:
+            BadInputError: The file is broken or not the truth of a frame.
+        """
         path = self.folder / "truth" / f"{index:06d}.npz"
         if not path.is_file():
             return None
-        with np.load(path, allow_pickle=False) as file:
-            return TruthFrame(
-                displacement=file["displacement"].astype(np.float32), mask=file["mask"] > 0
+        arrays = read_npz(path)
+        try:
+            displacement, mask = arrays["displacement"].astype(np.float32), arrays["mask"] > 0
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadInputError(f"{path}: not the truth of a frame ({error!r})") from error
+        if mask.ndim != 2 or displacement.shape != (*mask.shape, 2):
+            raise BadInputError(
+                f"{path}: displacement is {displacement.shape}, mask {mask.shape}; "
+                "expected (H, W, 2) and (H, W)"
             )
+        return TruthFrame(displacement=displacement, mask=mask)

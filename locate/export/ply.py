@@ -19,11 +19,14 @@ def write_plumes_ply(
 ) -> None:
     """Writes evidence voxels with the vertex attributes ``probability`` and ``displacement``.
 
+    ``probability`` is the logistic of a voxel's mean evidence per view: 0.5 says nothing, and it is
+    not the probability that the voxel holds refracting air.
+
     Args:
         path: The file, ending in ``.ply``.
         points_in_world: (N, 3) voxel centres in world units; N may be 0.
-        probability: (N,) that the voxel holds refracting air.
-        displacement_px: (N,) displacement it takes part in, px.
+        probability: (N,) logistic of the mean evidence per view.
+        displacement_px: (N,) mean displacement of its plume, px: one constant per plume.
 
     Raises:
         ValueError: The arrays differ in length.

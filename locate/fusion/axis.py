@@ -45,6 +45,7 @@ class AxisSightings:
         pixel: (V, 2, 2) where the view sees the axis; NaN where it does not.
         normal: (V, 2, 2) unit normal of the projected axis: the direction that was measured.
         offset_px: (V, 2) distance of `pixel` from the projected axis along `normal`.
+        section_px: (V, S) the measured offsets of the sections, lowest first, NaN where unseen.
     """
 
     heights: FloatArray
@@ -52,6 +53,7 @@ class AxisSightings:
     pixel: FloatArray
     normal: FloatArray
     offset_px: FloatArray
+    section_px: FloatArray
 
 
 def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
@@ -81,6 +83,7 @@ def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
         pixel=projected + drawn[..., None] * end_normal,
         normal=end_normal,
         offset_px=drawn,
+        section_px=offset,
     )
 
 

@@ -17,9 +17,12 @@ from locate.fusion.views import Views
 
 STEP_UNITS = 0.02
 REACH_BELOW_UNITS = 3.0
+CONTACT_LEVER = 0.02
 OCCLUDER_LEVER = -0.12
 FEWEST_CONTACTS = 2
-SURFACE_PRIOR = 0.5
+MEDIAN_SPREAD = 1.2533  # of a median against a mean, for normal errors
+INDEPENDENT_VIEWS = 0.5
+SURFACE_PRIOR = 0.8
 LOOK_CORRELATION = 0.3
 
 
@@ -32,7 +35,7 @@ class Base:
         sigma: Its standard deviation, world units.
         lowest_seen: Height where evidence begins.
         highest_seen: Height where it ends.
-        hidden: Something nearer covers the lower end in nearly every view.
+        hidden: Something nearer covers the lower end in most views.
     """
 
     height: float
@@ -44,10 +47,19 @@ class Base:
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """The surface below a plume: its height, the spread of it, and whether it is only cover."""
+    """Where the axis is lost from sight.
+
+    Attributes:
+        height: Above the column's lowest point, along world Z.
+        sigma: Its standard deviation.
+        found: It touches a surface there; otherwise this is only where something covers it, or
+            the end of the search.
+        hidden: Something nearer covers it in most views.
+    """
 
     height: float
     sigma: float
+    found: bool
     hidden: bool
 
 
@@ -59,19 +71,19 @@ def locate_base(views: Views, column: FloatArray, unit: float) -> Base:
     low, high = _seen_interval(heights, evidence)
     contact = find_contact(views, column, heights[heights <= (low + high) / 2], step)
     if contact is None:
-        contact = Contact(height=heights[0], sigma=step, hidden=True)
+        contact = Contact(height=heights[0], sigma=step, found=False, hidden=False)
     inside = (heights >= contact.height) & (heights <= (low + high) / 2)
     candidates = np.concatenate([[contact.height], heights[inside]])
     above = np.cumsum(evidence[::-1])[::-1] * LOOK_CORRELATION
     likelihood = np.interp(candidates, heights, above)
     uniform = (1 - SURFACE_PRIOR) / max(len(candidates) - 1, 1)
-    at_surface = uniform if contact.hidden else SURFACE_PRIOR
+    at_surface = SURFACE_PRIOR if contact.found else uniform
     prior = np.r_[at_surface, np.full(len(candidates) - 1, uniform)]
     weight = prior * np.exp(likelihood - likelihood.max())
     weight /= weight.sum()
     mean = float(weight @ candidates)
     variance = float(weight @ (candidates - mean) ** 2)
-    variance += float(weight[0]) * contact.sigma**2 + step**2
+    variance += float(weight[0]) * contact.sigma**2 + step**2 / 12
     return Base(
         height=mean,
         sigma=float(np.sqrt(variance)),
@@ -95,8 +107,10 @@ def find_contact(
 ) -> Contact | None:
     """Where the axis, followed downwards, meets a surface; None where it meets none.
 
-    A view in which the lever passes through zero sees the axis touch the surface; one in which it
-    jumps far below zero sees something nearer that covers the axis.
+    A view in which the lever falls to nearly zero sees the axis touch the surface, where a
+    straight line through the last two levers is zero; nearly, for an axis that stands a little
+    too near must not miss a pipe. A view in which the lever jumps far below zero sees something
+    nearer that covers the axis.
 
     Args:
         views: The evidence with the inverse depth of the background.
@@ -109,22 +123,25 @@ def find_contact(
     covers: list[float] = []
     for i in range(len(views)):
         levers = _levers(views, i, points)
-        behind = np.flatnonzero(levers <= 0)
+        behind = np.flatnonzero(levers <= CONTACT_LEVER)
         if not len(behind) or behind[-1] + 1 >= len(levers):
             continue
         j = behind[-1]
         above, below = levers[j + 1], levers[j]
         if not np.isfinite(above):
             continue
-        crossing = float(heights[j] + step * below / (below - above))
+        crossing = float(heights[j] - step * below / (above - below))
         (covers if below < OCCLUDER_LEVER else contacts).append(crossing)
-    hidden = len(contacts) < FEWEST_CONTACTS
-    found = np.array(covers if hidden else contacts)
-    if not len(found):
+    found = len(contacts) >= FEWEST_CONTACTS
+    crossings = np.array(contacts if found else covers)
+    if not len(crossings):
         return None
-    height = float(np.median(found))
-    spread = float(1.4826 * np.median(np.abs(found - height)))
-    return Contact(height=height, sigma=max(spread, step), hidden=hidden)
+    height = float(np.median(crossings))
+    spread = float(1.4826 * np.median(np.abs(crossings - height)))
+    sigma = MEDIAN_SPREAD * np.hypot(spread, step) / np.sqrt(len(crossings) * INDEPENDENT_VIEWS)
+    return Contact(
+        height=height, sigma=float(sigma), found=found, hidden=len(covers) > len(contacts)
+    )
 
 
 def _levers(views: Views, i: int, points: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ X, Y, Z, SLOPE_X, SLOPE_Y, HEIGHT, RADIUS, OPENING = range(8)
 FOOTPRINT_SHARE = 0.85
 NEAREST_DEPTH_UNITS = 0.5
 EXPLAINED_RADII = 1.5
+AGREEING_VIEWS = 3
 
 
 def spine(columns: FloatArray, heights: FloatArray) -> FloatArray:
@@ -52,8 +53,8 @@ def slabs(column: FloatArray, heights: FloatArray, thickness: float) -> FloatArr
 def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5) -> FloatArray:
     """(V, N) evidence of each view for each column, nats.
 
-    The sum of the llr over the column's outline, gated by what can be seen there, counted in
-    independent looks.
+    The sum of the llr over the column's outline (its side, foreshortened, and its end), gated by
+    what can be seen there, counted in independent looks.
 
     Args:
         views: The evidence.
@@ -65,10 +66,13 @@ def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
     focal = camera.focal_px
     nearest = NEAREST_DEPTH_UNITS * views.unit
     height, width = views.llr.shape[1:]
+    centers = views.trajectory.centers_in_world
     heights = columns[:, HEIGHT, None] * (np.arange(along) + 0.5) / along
     points = spine(columns, heights)
     radii = columns[:, RADIUS, None] + columns[:, OPENING, None] * heights
     offsets = np.linspace(-FOOTPRINT_SHARE, FOOTPRINT_SHARE, across)
+    axes = np.column_stack([columns[:, [SLOPE_X, SLOPE_Y]], np.ones(len(columns))])
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     nats = np.empty((len(views), len(columns)))
     for i in range(len(views)):
         in_cam = views.trajectory.world_to_cam(i, points)
@@ -82,10 +86,25 @@ def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
         flat = np.where(inside, y * width + x, 0)
         background = views.inverse_depth[i].ravel()[flat]
         gate = lever_gate(depth[..., None].astype(np.float32), background) * inside
-        area = 2 * FOOTPRINT_SHARE * radii_px * focal * columns[:, HEIGHT, None] / along / depth
+        rays = points - centers[i]
+        facing = np.einsum("nsk,nk->ns", rays, axes / lengths) / np.linalg.norm(rays, axis=-1)
+        slab_px = focal * columns[:, HEIGHT, None] * lengths / along / depth
+        half_width_px = FOOTPRINT_SHARE * radii_px
+        area = 2 * half_width_px * slab_px * np.sqrt(np.maximum(1 - facing**2, 0))
+        area += np.pi * half_width_px**2 * np.abs(facing) / along
         per_height = (views.llr[i].ravel()[flat] * gate).mean(axis=-1)
         nats[i] = (per_height * area).sum(axis=-1)
     return nats / views.correlation_px2
+
+
+def agreed(nats: FloatArray) -> FloatArray:
+    """(N,) sum of (V, N) evidence in which no view counts for more than the third strongest.
+
+    A column close to one camera fills its frame; without this its clutter alone would carry it.
+    """
+    rank = min(AGREEING_VIEWS, len(nats))
+    limit = np.partition(nats, -rank, axis=0)[-rank]
+    return np.asarray(np.minimum(nats, limit).sum(axis=0))
 
 
 def without(views: Views, column: FloatArray) -> Views:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.fusion.column import HEIGHT, OPENING, RADIUS, SLOPE_X, SLOPE_Y, X, Y, Z, score
+from locate.fusion.column import HEIGHT, OPENING, RADIUS, SLOPE_X, SLOPE_Y, X, Y, Z, agreed, score
 from locate.fusion.proposals import SEPARATION_UNITS
 from locate.fusion.views import Views
 
@@ -25,14 +25,14 @@ def fit_columns(
     The opening angle stays free: held fixed, the fit slides towards the cameras.
     """
     columns = _clip(starts, unit)
-    best = score(views, columns).sum(axis=0)
+    best = agreed(score(views, columns))
     scale = np.ones(8)
     scale[list(LENGTHS)] = unit
     for turn in range(ROUNDS):
         step = STEP_UNITS * scale * SHRINK**turn
         tried = np.repeat(columns, DRAWS, axis=0)
         tried = _clip(tried + rng.normal(size=tried.shape) * step, unit)
-        value = score(views, tried).sum(axis=0).reshape(len(columns), DRAWS)
+        value = agreed(score(views, tried)).reshape(len(columns), DRAWS)
         pick = value.argmax(axis=1)
         rows = np.arange(len(columns))
         better = value[rows, pick] > best
@@ -41,7 +41,7 @@ def fit_columns(
         if turn == SURVIVORS_AFTER:
             keep = distinct(columns[np.argsort(-best)], unit)[:SURVIVORS]
             columns = keep
-            best = score(views, columns).sum(axis=0)
+            best = agreed(score(views, columns))
     return distinct(columns[np.argsort(-best)], unit)
 
 

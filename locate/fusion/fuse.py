@@ -1,10 +1,10 @@
 """The whole of fusion: evidence of many views in, plumes out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.arrays import FloatArray
+from geometry.arrays import FloatArray, IntArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.axis import VIEW_SAW_NATS, sight_axis
 from locate.fusion.base import Base, locate_base
@@ -16,6 +16,7 @@ from locate.fusion.column import (
     SLOPE_Y,
     X,
     Y,
+    agreed,
     score,
     spine,
     without,
@@ -23,11 +24,10 @@ from locate.fusion.column import (
 from locate.fusion.fit import fit_columns
 from locate.fusion.graph import AxisEstimate, estimate_axis
 from locate.fusion.null import NullLevel
-from locate.fusion.proposals import propose
+from locate.fusion.proposals import STARTS, propose
 from locate.fusion.views import Views
 from locate.plume import Plume
 
-STARTS = 24
 FALSE_ALARM = 0.01
 REFINEMENTS = 4
 RADIUS_SAMPLES = 9
@@ -39,37 +39,47 @@ class Fused:
 
     Attributes:
         plumes: Strongest first.
-        grid: The summed evidence.
+        grid: The summed evidence; None where no frame measured any depth.
         threshold_nats: What a column needs to count as a plume.
     """
 
     plumes: tuple[Plume, ...]
-    grid: EvidenceGrid
+    grid: EvidenceGrid | None
     threshold_nats: float
 
 
 def fuse(views: Views, *, seed: int = 0) -> Fused:
     """Finds the plumes that the summed evidence of all views speaks for."""
     rng = np.random.default_rng(seed)
-    unit, box = views.unit, views.volume()
+    unit = views.unit
+    if np.isnan(unit):
+        return Fused(plumes=(), grid=None, threshold_nats=np.inf)
+    box = views.volume()
     null = NullLevel.from_views(views, box, unit, rng)
     proposals, grid = propose(views, box, unit, most=STARTS)
     columns = fit_columns(views, proposals.columns, unit, rng)
     plumes: list[Plume] = []
     left = views
     for start in columns:
-        nats = score(left, start[None])[:, 0]
-        false_alarm = null.false_alarm(float(nats.sum()))
-        if false_alarm > FALSE_ALARM:
+        if null.false_alarm(evidence(left, start)) > FALSE_ALARM:
             continue
         refined = refine_axis(left, start, unit)
         if refined is None:
             continue
         column, axis = refined
-        base = locate_base(left, column, unit)
-        plumes.append(_plume(len(plumes) + 1, left, column, axis, base, nats, false_alarm))
+        false_alarm = null.false_alarm(evidence(left, column))
+        if false_alarm > FALSE_ALARM:
+            continue
+        plumes.append(_plume(left, column, axis, locate_base(left, column, unit), false_alarm))
         left = without(left, column)
-    return Fused(plumes=tuple(plumes), grid=grid, threshold_nats=null.threshold(FALSE_ALARM))
+    plumes.sort(key=lambda plume: -plume.evidence_nats)
+    numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
+    return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=null.threshold(FALSE_ALARM))
+
+
+def evidence(views: Views, column: FloatArray) -> float:
+    """What all views together say for one column, nats."""
+    return float(agreed(score(views, column[None]))[0])
 
 
 def refine_axis(
@@ -88,22 +98,16 @@ def refine_axis(
 
 
 def _plume(
-    number: int,
-    views: Views,
-    column: FloatArray,
-    axis: AxisEstimate,
-    base: Base,
-    nats: FloatArray,
-    false_alarm: float,
+    views: Views, column: FloatArray, axis: AxisEstimate, base: Base, false_alarm: float
 ) -> Plume:
     source, covariance = axis.at(base.height)
     covariance = covariance + base.sigma**2 * np.outer(axis.rise, axis.rise)
     heights = np.linspace(base.lowest_seen, base.highest_seen, RADIUS_SAMPLES)
     radii = column[RADIUS] + column[OPENING] * np.clip(heights, 0, None)
     distances = (heights - base.height) * np.linalg.norm(axis.rise)
-    saw = nats > VIEW_SAW_NATS
+    saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
     return Plume(
-        id=number,
+        id=0,
         source=source,
         source_covariance=covariance,
         axis=axis.direction,
@@ -111,22 +115,22 @@ def _plume(
         extent_low=float(distances[0]),
         extent_high=float(distances[-1]),
         radius_by_height=np.column_stack([distances, radii]),
-        evidence_nats=float(nats.sum()),
+        evidence_nats=evidence(views, column),
         probability=1 - false_alarm,
         views=tuple(int(index) for index in views.trajectory.indices[saw]),
-        displacement_px=_displacement(views, column),
+        displacement_px=_displacement(views, column, np.flatnonzero(saw)),
         source_hidden=base.hidden,
     )
 
 
-def _displacement(views: Views, column: FloatArray) -> float:
-    """Mean displacement along the axis over all views, px of the original frames."""
+def _displacement(views: Views, column: FloatArray, rows: IntArray) -> float:
+    """Mean displacement along the axis in the views of these rows, px of the original frames."""
     heights = np.linspace(0, column[HEIGHT], RADIUS_SAMPLES)
     points = spine(column[None], heights[None])[0]
     height, width = views.llr.shape[1:]
     values = []
-    for i in range(len(views)):
-        pixel = views.trajectory.project(i, points)
+    for i in rows:
+        pixel = views.trajectory.project(int(i), points)
         pixel = np.rint(pixel[np.isfinite(pixel).all(axis=1)]).astype(int)
         inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
         values.append(views.displacement_px[i][pixel[inside, 1], pixel[inside, 0]])

@@ -6,8 +6,8 @@ is; the tangent basis of a bearing factor turns with the prediction and cannot.
 
 Views close in time see the same sway of the plume, and a camera that moves on steadily cannot
 tell a slow sway from parallax. What that takes from the number of independent views is judged by
-the lag-one correlation where the sway is largest, at the top; at the base the fit has already
-swallowed it.
+the lag-one correlation of the whole plume, where the sway is largest; at the base the fit has
+already swallowed it.
 """
 
 from dataclasses import dataclass
@@ -26,9 +26,11 @@ ALONG_AXIS_PX = 1e3
 HEIGHT_GAUGE_UNITS = 1e-3
 NODE_PRIOR_UNITS = 100.0
 NOISE_FLOOR_PX = 0.15
-STRONGEST_CORRELATION = 0.7
+STRONGEST_CORRELATION = 0.8
+FITTED_PER_NODE = 2
+LEAST_FREEDOM = 1.0
 WILD_SIGMAS = 3.0
-CAUCHY_K = 2.0
+CAUCHY_K = 3.0
 FEWEST_VIEWS = 2
 
 
@@ -85,7 +87,8 @@ def estimate_axis(
     Returns:
         The estimate, or None where fewer than two views see one of the halves.
     """
-    seen = np.isfinite(sightings.offset_px)
+    measured = np.abs(sightings.normal).sum(axis=-1) > 0
+    seen = np.asarray(np.isfinite(sightings.pixel).all(axis=-1) & measured)
     if (seen.sum(axis=0) < FEWEST_VIEWS).any():
         return None
     graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -94,9 +97,10 @@ def estimate_axis(
         _add_pose(graph, initial, trajectory, int(i), sightings.points[0])
     nodes = [np.flatnonzero(column) for column in seen.T]
     offsets = [sightings.offset_px[rows, node] for node, rows in enumerate(nodes)]
-    lag = max(_lag_correlation(offset) for offset in offsets)
+    independent = _independent_views(sightings.section_px)
     for node, rows in enumerate(nodes):
-        sigma = _scatter_px(offsets[node]) * np.sqrt((1 + lag) / (1 - lag))
+        freedom = max(independent - FITTED_PER_NODE, LEAST_FREEDOM)
+        sigma = _scatter_px(offsets[node]) * np.sqrt(len(rows) / freedom)
         for i in rows:
             _add_sighting(graph, trajectory, sightings, (int(i), node), sigma)
     result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
@@ -110,22 +114,35 @@ def estimate_axis(
 
 def _scatter_px(offsets: FloatArray) -> float:
     """Sigma of one view's offset, from the scatter over views, the wildest of them reined in."""
-    centred = _reined_in(offsets)
-    few = len(offsets) / max(len(offsets) - 2, 1)
-    return float(np.sqrt((centred**2).mean() * few + NOISE_FLOOR_PX**2))
+    return float(np.hypot(_reined_in(offsets).std(), NOISE_FLOOR_PX))
 
 
-def _lag_correlation(offsets: FloatArray) -> float:
-    """Of neighbouring views, from 0 up to `STRONGEST_CORRELATION`."""
-    centred = _reined_in(offsets)
-    power = float((centred**2).sum())
-    lag = float((centred[1:] * centred[:-1]).sum()) / power if power > 0 else 0.0
-    return min(max(lag, 0.0), STRONGEST_CORRELATION)
+def _independent_views(section_px: FloatArray) -> float:
+    """How many of the views err independently, by their lag-one correlation where it is real.
+
+    A mean and a trend were taken from few values, which hides correlation: the estimate is
+    corrected for that (Kendall, Biometrika 1954).
+
+    Args:
+        section_px: (V, S) offsets of the sections; where the plume sways most counts most.
+    """
+    seen = section_px[np.isfinite(section_px).any(axis=1)]
+    n = len(seen)
+    centred = np.stack([_reined_in(column) for column in seen.T], axis=1)
+    lag = float((centred[1:] * centred[:-1]).sum() / max((centred**2).sum(), 1e-12))
+    if lag < 1 / np.sqrt(n):
+        return float(n)
+    lag = min(lag + (1 + 4 * lag) / n, STRONGEST_CORRELATION)
+    return n * (1 - lag) / (1 + lag)
 
 
 def _reined_in(offsets: FloatArray) -> FloatArray:
-    centred = offsets - np.median(offsets)
-    typical = np.hypot(1.4826 * np.median(np.abs(centred)), NOISE_FLOOR_PX)
+    """Centred, the wildest clipped; 0 where there is none."""
+    known = offsets[np.isfinite(offsets)]
+    if not len(known):
+        return np.zeros_like(offsets)
+    centred = np.nan_to_num(offsets - np.median(known))
+    typical = np.hypot(1.4826 * np.median(np.abs(known - np.median(known))), NOISE_FLOOR_PX)
     return np.asarray(centred.clip(-WILD_SIGMAS * typical, WILD_SIGMAS * typical))
 
 

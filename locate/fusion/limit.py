@@ -6,7 +6,7 @@ import numpy as np
 
 from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
 from geometry.arrays import FloatArray, FloatMap
-from locate.fusion.column import score
+from locate.fusion.column import agreed, score
 from locate.fusion.views import Views
 
 AMPLITUDES_PX = np.geomspace(0.03, 3.0, 14)
@@ -42,7 +42,7 @@ def detection_limit_px(
     if not len(columns):
         return None
     for amplitude in AMPLITUDES_PX:
-        nats = score(replace(views, llr=_expected(views, float(amplitude))), columns).sum(axis=0)
+        nats = agreed(score(replace(views, llr=_expected(views, float(amplitude))), columns))
         if (nats > threshold_nats).mean() >= SHARE_SEEN:
             return float(amplitude)
     return None

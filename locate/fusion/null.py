@@ -15,13 +15,12 @@ from scipy.stats import gumbel_r
 
 from geometry.arrays import FloatArray
 from geometry.grid import Box
-from locate.fusion.column import score
+from locate.fusion.column import agreed, score
 from locate.fusion.fit import fit_columns
-from locate.fusion.proposals import propose
+from locate.fusion.proposals import STARTS, propose
 from locate.fusion.views import Views
 
 NULL_DRAWS = 12
-NULL_STARTS = 8
 SMALLEST_SHIFT = 0.12
 SMALLEST_SCALE_NATS = 1.0
 
@@ -48,9 +47,9 @@ class NullLevel:
         for _ in range(NULL_DRAWS):
             shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
             rolled = views.rolled([round(share * width) for share in shares])
-            proposals, _ = propose(rolled, box, unit, most=NULL_STARTS)
+            proposals, _ = propose(rolled, box, unit, most=STARTS)
             best = fit_columns(rolled, proposals.columns, unit, rng)[:1]
-            strongest.append(float(score(rolled, best).sum()))
+            strongest.append(float(agreed(score(rolled, best)).max(initial=0.0)))
         return cls.fitted(strongest)
 
     @classmethod

@@ -16,6 +16,7 @@ from geometry.trajectory import Trajectory
 FUSION_WIDTH_PX = 320
 VOXELS_ALONG_LONGEST_EDGE = 96
 RANGE_TO_UNIT = 0.1
+FARTHEST_RANGES = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +96,7 @@ class Views:
         pixels = self.trajectory.camera.pixel_grid()[::step, ::step].reshape(-1, 2)
         homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
         rays = homogeneous @ np.linalg.inv(self.trajectory.camera.matrix).T
-        farthest = 10 * 10 * self.unit
+        farthest = FARTHEST_RANGES * self.unit / RANGE_TO_UNIT
         points = []
         for i in range(len(self)):
             inverse_depth = self.inverse_depth[i, ::step, ::step].reshape(-1)

@@ -1,8 +1,6 @@
 """A set of real photos with known poses, to render plumes onto."""
 
-import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -12,14 +10,15 @@ import pycolmap
 from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray, GreyImage
-from geometry.camera import HALF_PIXEL, Camera
+from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.named_poses import resized
+from geometry.pose_files import read_named_poses
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 
 COLMAP_FOLDERS = (".", "sparse/0", "sparse", "colmap_ground_truth")
 IMAGE_FOLDERS = ("images", "images_half", ".")
-Pose = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,19 +46,15 @@ class PhotoSet:
         """
         if not folder.is_dir():
             raise BadInputError(f"{folder}: not a folder of posed photos")
-        names, camera, poses, points, metric = _reader(folder)(folder)
+        names, trajectory, points = _read(folder)
         if not names:
             raise BadInputError(f"{folder}: its poses name no photo")
-        rotations = np.array([rotation for rotation, _ in poses])
-        trajectory = Trajectory(
-            camera=camera,
-            indices=np.arange(len(names)),
-            times_s=np.zeros(len(names)),
-            rotations=rotations,
-            translations=np.array([translation for _, translation in poses]),
-            metric=metric,
+        trajectory = replace(
+            trajectory, indices=np.arange(len(names)), times_s=np.zeros(len(names))
         )
-        turn = Similarity(scale=1.0, rotation=_upright(rotations), translation=np.zeros(3))
+        turn = Similarity(
+            scale=1.0, rotation=_upright(trajectory.rotations), translation=np.zeros(3)
+        )
         return cls(
             paths=tuple(_find_photo(folder, name) for name in names),
             trajectory=trajectory.transformed(turn),
@@ -85,19 +80,31 @@ class PhotoSet:
         return np.asarray(image, dtype=np.uint8)
 
 
-Content = tuple[list[str], Camera, list[Pose], FloatArray, bool]
+Content = tuple[tuple[str, ...], Trajectory, FloatArray]
 
 
-def _reader(folder: Path) -> Callable[[Path], Content]:
-    if any(_colmap_folder(folder)):
-        return _read_colmap
+def _read(folder: Path) -> Content:
+    """Names and poses of the photos, and (M, 3) sparse points where the source has any."""
+    if model := _colmap_folder(folder):
+        named = read_named_poses(model)
+        points = pycolmap.Reconstruction(model).points3D.values()
+        xyz = np.array([point.xyz for point in points]).reshape(-1, 3)
+        return named.names, named.trajectory, xyz
     if any(folder.rglob("*.camera")):
-        return _read_strecha
-    if (folder / "transforms.json").exists():
-        return _read_transforms
+        return _read_strecha(folder)
+    if (path := folder / "transforms.json").exists():
+        return _read_transforms(path)
     raise BadInputError(
         f"{folder}: no poses (expected a COLMAP model, .camera files or transforms.json)"
     )
+
+
+def _read_transforms(path: Path) -> Content:
+    """Leaves out the poses without a photo, as such files list frames that were dropped."""
+    named = read_named_poses(path)
+    rows = [i for i, name in enumerate(named.names) if (path.parent / name).is_file()]
+    names = tuple(named.names[i] for i in rows)
+    return names, named.trajectory.take(rows), np.empty((0, 3))
 
 
 def _find_photo(folder: Path, name: str) -> Path:
@@ -107,87 +114,47 @@ def _find_photo(folder: Path, name: str) -> Path:
     raise BadInputError(f"{folder}: photo {name} is missing (looked in {', '.join(IMAGE_FOLDERS)})")
 
 
-def _colmap_folder(folder: Path) -> list[Path]:
-    return [
-        folder / place
-        for place in COLMAP_FOLDERS
-        for kind in ("bin", "txt")
-        if (folder / place / f"cameras.{kind}").exists()
-    ]
-
-
-def _read_colmap(folder: Path) -> Content:
-    place = _colmap_folder(folder)[0]
-    try:
-        model = pycolmap.Reconstruction(str(place))
-    except (ValueError, RuntimeError) as error:
-        raise BadInputError(f"{place}: not a readable COLMAP model ({error})") from error
-    if len(model.cameras) != 1:
-        raise BadInputError(f"{place}: has {len(model.cameras)} cameras, one is supported")
-    images = sorted(model.images.values(), key=lambda image: image.name)
-    poses = [
-        (np.array(pose.rotation.matrix()), np.array(pose.translation))
-        for pose in (image.cam_from_world() for image in images)
-    ]
-    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
-    camera = Camera.from_colmap(next(iter(model.cameras.values())))
-    return [image.name for image in images], camera, poses, points, False
+def _colmap_folder(folder: Path) -> Path | None:
+    places = (folder / place for place in COLMAP_FOLDERS)
+    kinds = ("cameras.bin", "cameras.txt")
+    return next((p for p in places if any((p / kind).exists() for kind in kinds)), None)
 
 
 def _read_strecha(folder: Path) -> Content:
-    names, poses = [], []
-    camera = None
-    for path in sorted(folder.rglob("*.camera")):
+    paths = sorted(folder.rglob("*.camera"))
+    numbers = np.array([_camera_numbers(path) for path in paths])
+    names = tuple(path.name.removesuffix(".camera") for path in paths)
+    K, width, height = numbers[0, :9].reshape(3, 3), int(numbers[0, 24]), int(numbers[0, 25])
+    params = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+    full = Camera(model="PINHOLE", width=width, height=height, params=params)
+    rotations = np.swapaxes(numbers[:, 12:21].reshape(-1, 3, 3), 1, 2)
+    trajectory = Trajectory(
+        camera=resized(full, *_photo_size(_find_photo(folder, names[0]))),
+        indices=np.arange(len(names)),
+        times_s=np.zeros(len(names)),
+        rotations=rotations,
+        translations=-np.einsum("nij,nj->ni", rotations, numbers[:, 21:24]),
+        metric=True,
+    )
+    return names, trajectory, np.empty((0, 3))
+
+
+def _camera_numbers(path: Path) -> FloatArray:
+    """The 26 numbers of a .camera file: K, distortion, world_from_cam, centre, width, height."""
+    try:
         numbers = np.array(path.read_text().split(), dtype=float)
-        if len(numbers) != 26:
-            raise BadInputError(f"{path}: not a .camera file (expected 26 numbers)")
-        name = path.name.removesuffix(".camera")
-        K, world_from_cam, center = numbers[:9].reshape(3, 3), numbers[12:21], numbers[21:24]
-        names.append(name)
-        rotation = world_from_cam.reshape(3, 3).T
-        poses.append((rotation, -rotation @ center))
-        if camera is None:
-            camera = _strecha_camera(_find_photo(folder, name), K, int(numbers[24]))
-    assert camera is not None
-    return names, camera, poses, np.empty((0, 3)), True
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{path}: not a readable .camera file ({error})") from error
+    if len(numbers) != 26:
+        raise BadInputError(f"{path}: not a .camera file (expected 26 numbers)")
+    return numbers
 
 
-def _strecha_camera(photo: Path, K: FloatArray, full_width: int) -> Camera:
-    image = cv2.imread(str(photo), cv2.IMREAD_GRAYSCALE)
+def _photo_size(photo: Path) -> tuple[int, int]:
+    image = cv2.imread(str(photo), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise BadInputError(f"{photo}: not a readable photo")
-    height, width = image.shape
-    scale = width / full_width
-    focal = (K[0, 0] * scale, K[1, 1] * scale)
-    middle = (np.array([K[0, 2], K[1, 2]]) + HALF_PIXEL) * scale - HALF_PIXEL
-    return Camera(model="PINHOLE", width=width, height=height, params=(*focal, *middle.tolist()))
-
-
-def _read_transforms(folder: Path) -> Content:
-    path = folder / "transforms.json"
-    try:
-        content = json.loads(path.read_text())
-        camera = Camera(
-            model="OPENCV",
-            width=int(content["w"]),
-            height=int(content["h"]),
-            params=(
-                float(content["fl_x"]),
-                float(content.get("fl_y", content["fl_x"])),
-                float(content["cx"]) - HALF_PIXEL,
-                float(content["cy"]) - HALF_PIXEL,
-                *(float(content.get(name, 0)) for name in ("k1", "k2", "p1", "p2")),
-            ),
-        )
-        frames = sorted(content["frames"], key=lambda frame: str(frame["file_path"]))
-        frames = [frame for frame in frames if (folder / frame["file_path"]).is_file()]
-        matrices = [np.array(frame["transform_matrix"], dtype=float) for frame in frames]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInputError(f"{path}: not a transforms.json ({error})") from error
-    opencv_from_opengl = np.diag([1.0, -1.0, -1.0])
-    rotations = [opencv_from_opengl @ matrix[:3, :3].T for matrix in matrices]
-    poses = [(R, -R @ matrix[:3, 3]) for R, matrix in zip(rotations, matrices, strict=True)]
-    return [frame["file_path"] for frame in frames], camera, poses, np.empty((0, 3)), False
+    return image.shape[1], image.shape[0]
 
 
 def _upright(rotations: FloatArray) -> FloatArray:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import correlate1d, map_coordinates
 
+from detect.synthesis.buoyancy import BuoyantFlow
 from geometry.arrays import FloatArray, FloatMap
 from geometry.refraction import AMBIENT_TEMPERATURE_K, density_deficit, refractivity
-from locate.simulation.buoyancy import BuoyantFlow
 from locate.simulation.scene import Scene
 
 CELLS = (48, 48, 96)

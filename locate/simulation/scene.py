@@ -1,5 +1,6 @@
 """What a simulated recording is made of, as it stands in SCENE.yaml."""
 
+import math
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Self
 
@@ -15,12 +16,13 @@ from locate.simulation.materials import MATERIALS
 Point = tuple[float, float, float]
 Flat = tuple[float, float]
 Positive = Annotated[float, Field(gt=0)]
+SHORTEST_M = 1e-6
 
 
 class Block(BaseModel):
-    """One mapping of the file: immutable, and a misspelt key is an error."""
+    """One mapping of the file: immutable, every number finite, and a misspelt key an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class CameraBlock(Block):
@@ -44,7 +46,7 @@ class VideoBlock(Block):
     """Length and coding of the recording; `crf` counts for h264 alone."""
 
     frames: Annotated[int, Field(ge=1)] = 60
-    fps: Positive = 15.0
+    fps: Annotated[float, Field(ge=0.1, le=1000)] = 15.0
     codec: Literal["ffv1", "h264"] = "ffv1"
     crf: Annotated[int, Field(ge=0, le=51)] = 18
 
@@ -94,6 +96,19 @@ class Textured(Block):
         return self
 
 
+class Stretched(Textured):
+    """Anything that runs from `start` to `end`."""
+
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Self:
+        if math.dist(self.start, self.end) < SHORTEST_M:
+            raise ValueError("start and end are one place")
+        return self
+
+
 class Ground(Textured):
     """The square floor at z = 0, centred on the origin."""
 
@@ -102,7 +117,7 @@ class Ground(Textured):
     material: str = "gravel"
 
 
-class Wall(Textured):
+class Wall(Stretched):
     """An upright wall over the line from `start` to `end`."""
 
     kind: Literal["wall"]
@@ -122,7 +137,7 @@ class Box(Textured):
     yaw_deg: float = 0.0
 
 
-class Cylinder(Textured):
+class Cylinder(Stretched):
     """A round bar, pipe or drum with flat ends."""
 
     kind: Literal["cylinder"]
@@ -139,7 +154,7 @@ class PipeRack(Textured):
     center: Flat = (0.0, 0.0)
     length_m: Positive = 8.0
     width_m: Positive = 1.4
-    levels_m: tuple[Positive, ...] = (1.6, 2.6)
+    levels_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.6, 2.6)
     pipes: Annotated[int, Field(ge=1)] = 4
     yaw_deg: float = 0.0
     material: str = "paint"
@@ -189,7 +204,7 @@ class Plume(Block):
 class Scene(Block):
     """A simulated recording: everything that `simulate` needs, and its seed."""
 
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     camera: CameraBlock = CameraBlock()
     video: VideoBlock = VideoBlock()
     image: ImageBlock = ImageBlock()
@@ -199,6 +214,13 @@ class Scene(Block):
     wind_mps: Flat = (0.0, 0.0)
     objects: tuple[SceneObject, ...] = ()
     plumes: tuple[Plume, ...] = ()
+
+    @model_validator(mode="after")
+    def _size_fits_codec(self) -> Self:
+        odd = self.camera.width % 2 or self.camera.height % 2
+        if self.video.codec == "h264" and odd:
+            raise ValueError("video.codec h264 needs an even camera.width and camera.height")
+        return self
 
     @classmethod
     def load(cls, path: FilePath) -> Self:
@@ -220,7 +242,8 @@ class Scene(Block):
         except ValidationError as error:
             first = error.errors()[0]
             field = ".".join(str(part) for part in first["loc"])
-            raise BadInputError(f"{path}: field {field or 'scene'}: {first['msg']}") from error
+            reason = first["msg"].removeprefix("Value error, ")
+            raise BadInputError(f"{path}: field {field or 'scene'}: {reason}") from error
 
     def save(self, path: FilePath) -> None:
         """Writes a SCENE.yaml that `load` reads back."""

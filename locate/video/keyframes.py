@@ -86,7 +86,9 @@ def select_frames(
         folder: Where to write; made where it is missing.
         max_frames: The most frames to keep.
         target_motion: Median image motion wanted between neighbours, as a share of the width.
-        progress: Called with a stage name and a fraction (-1 where the length is unknown).
+        progress: Called with a stage name and the fraction of the whole call, which never falls:
+            watching is the first half, writing the second; -1 while watching a recording whose
+            length is unknown.
 
     Returns:
         The index of the written files, with the motion between neighbours measured anew.
@@ -144,8 +146,9 @@ def _watch(
             stillness.add(frame.image)
         previous = thumb
         if progress:
-            total = len(recording.photos)
-            progress("watching the recording", len(every) / total if total else -1.0)
+            total = recording.expected_frames
+            share = 0.5 * min(1.0, len(every) / total) if total else -1.0
+            progress("watching the recording", share)
     spaced = spacer.finish() if spacer else []
     return every, spaced, bool(stillness and stillness.still)
 
@@ -179,7 +182,7 @@ def _write(
         written.append(replace(key, motion_px=motion_px))
         previous = thumb
         if progress:
-            progress("writing key frames", len(written) / len(chosen))
+            progress("writing key frames", 0.5 + 0.5 * len(written) / len(chosen))
         if len(written) == len(chosen):
             break
     return written

@@ -16,6 +16,7 @@ from locate.video.focal import FocalPrior, focal_of_photo, focal_of_video
 DEFAULT_MAX_SIDE = 1280
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"})
 MISSING_TAIL_S = 0.5
+UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,7 @@ class Recording:
         source_width: Width of the recorded images, px.
         source_height: Height of the recorded images, px.
         focal: Focal length from metadata, or None.
+        expected_frames: What its header or the folder promises; 0 where nothing does.
         warnings: Filled while reading: what is wrong without making the recording useless.
     """
 
@@ -50,6 +52,7 @@ class Recording:
     source_width: int
     source_height: int
     focal: FocalPrior | None
+    expected_frames: int = 0
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -103,10 +106,12 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
         photos = _list_photos(path)
         _, name, first = next(_photos(photos[:1]))
         focal = focal_of_photo(path / name)
+        expected_frames = len(photos)
     else:
         photos = ()
         first = _first_image(path)
-        focal = focal_of_video(_video_metadata(path))
+        metadata, expected_frames = _video_header(path)
+        focal = focal_of_video(metadata)
     height, width = first.shape
     factor = min(1.0, max_side / max(height, width))
     return Recording(
@@ -117,6 +122,7 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
         source_width=width,
         source_height=height,
         focal=focal,
+        expected_frames=expected_frames,
     )
 
 
@@ -154,7 +160,7 @@ def _photos(paths: tuple[Path, ...]) -> Iterator[tuple[float, str, GreyImage]]:
 def _open_video(path: Path) -> "av.container.InputContainer":
     try:
         container = av.open(str(path))
-    except (OSError, ValueError) as error:  # av's own errors derive from both
+    except UNREADABLE as error:
         raise BadInputError(f"{path}: not a readable video ({_reason(error)})") from error
     if not container.streams.video:
         container.close()
@@ -166,9 +172,13 @@ def _reason(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error)
 
 
-def _video_metadata(path: Path) -> dict[str, str]:
+def _video_header(path: Path) -> tuple[dict[str, str], int]:
+    """Metadata, and the number of frames by the stream or by the duration; 0 where unknown."""
     with _open_video(path) as container:
-        return container.metadata | container.streams.video[0].metadata
+        stream = container.streams.video[0]
+        duration_s = (container.duration or 0) / av.time_base
+        count = stream.frames or round(duration_s * float(stream.average_rate or 0))
+        return container.metadata | stream.metadata, max(0, count)
 
 
 def _first_image(path: Path) -> GreyImage:
@@ -195,7 +205,7 @@ def _video_images(path: Path, warnings: list[str]) -> Iterator[tuple[float, str,
                 time_s = frame.time if frame.time is not None else count / rate
                 count += 1
                 yield time_s, path.name, _grey(frame)
-        except (OSError, ValueError):
+        except UNREADABLE:
             broken = True
     if broken or (count and declared_s - (time_s - start_s) - 1 / rate > MISSING_TAIL_S):
         note = f"{path.name}: damaged or truncated; {count} frames decoded, up to {time_s:.2f} s"

@@ -1,5 +1,6 @@
 """Pose files: round trips, pycolmap's own reading, foreign files, and matching to frames."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.pose_files import (
+    NamedPoses,
     read_named_poses,
     read_poses,
     write_colmap_model,
@@ -149,15 +151,85 @@ def test_camera_follows_the_size_of_the_images(tmp_path: Path) -> None:
     frames = (["v"] * 3, np.array([0, 2, 4]), np.zeros(3))
     matched, _ = found.match_to_frames(*frames, size=(320, 240))
     assert matched.camera == CAMERA.scaled(0.5)
-    with pytest.raises(BadInputError, match="640x480"):
+    with pytest.raises(BadInputError, match=r"t\.json: .*640x480"):
         found.match_to_frames(*frames, size=(320, 320))
 
 
 def test_poses_of_another_recording_are_refused(tmp_path: Path) -> None:
     some_poses().save(tmp_path / "t.json")
     found = read_named_poses(tmp_path / "t.json")
-    with pytest.raises(BadInputError, match="0 of 3 frames"):
+    with pytest.raises(BadInputError, match=r"t\.json: 0 of 3 frames"):
         found.match_to_frames(["v"] * 3, np.array([101, 103, 105]), np.zeros(3))
+
+
+def numbered(tmp_path: Path, first: int) -> NamedPoses:
+    names = [f"images/{first + i:06d}.png" for i in range(6)]
+    write_transforms_json(some_poses(), tmp_path / "transforms.json", names)
+    return read_named_poses(tmp_path / "transforms.json")
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_names_that_are_numbers_count_from_the_lowest_of_0_and_1(
+    tmp_path: Path, first: int
+) -> None:
+    matched, rows = numbered(tmp_path, first).match_to_frames(
+        ["v.mp4"] * 6, np.arange(6), np.arange(6) / 30
+    )
+    assert rows.tolist() == [0, 1, 2, 3, 4, 5]
+    assert_same_poses(matched, some_poses())
+
+
+def test_one_chance_name_does_not_hide_the_indices(tmp_path: Path) -> None:
+    sources = ["000003.mp4", *["v.mp4"] * 5]
+    matched, rows = numbered(tmp_path, 0).match_to_frames(sources, np.arange(6), np.zeros(6))
+    assert len(rows) == 6
+    assert_same_poses(matched, some_poses())
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("place", [(1, 1), (0, 3)])
+def test_transforms_that_are_not_finite_are_refused(
+    tmp_path: Path, place: tuple[int, int], value: float
+) -> None:
+    path = tmp_path / "transforms.json"
+    write_transforms_json(some_poses(), path)
+    content = json.loads(path.read_text())
+    content["frames"][2]["transform_matrix"][place[0]][place[1]] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match=r"transforms\.json: .*finite"):
+        read_named_poses(path)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.5, -1.0])
+def test_transforms_that_are_no_rotation_are_refused(tmp_path: Path, scale: float) -> None:
+    path = tmp_path / "transforms.json"
+    write_transforms_json(some_poses(), path)
+    content = json.loads(path.read_text())
+    row = content["frames"][2]["transform_matrix"][0]
+    row[:3] = [scale * value for value in row[:3]]
+    path.write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match=r"transforms\.json: .*rotation"):
+        read_named_poses(path)
+
+
+def test_colmap_model_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+    poses = some_poses()
+    poses.translations[3] = np.nan
+    write_colmap_model(poses, np.zeros((0, 3)), tmp_path / "model")
+    with pytest.raises(BadInputError, match=r"model: .*finite"):
+        read_named_poses(tmp_path / "model")
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [({"fl_x": 0.0}, "focal"), ({"w": 0}, "positive")],
+)
+def test_bad_cameras_are_refused_by_file(tmp_path: Path, block: dict, message: str) -> None:
+    path = tmp_path / "transforms.json"
+    write_transforms_json(some_poses(), path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | block))
+    with pytest.raises(BadInputError, match=rf"transforms\.json: .*{message}"):
+        read_named_poses(path)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.sfm import Reconstruction, checks, mapping, reconstruct
+from geometry.sfm.reconstruct import STAGES
 from geometry.similarity import align
 
 WIDTH, HEIGHT, FOCAL = 480, 360, 420.0
@@ -133,7 +134,10 @@ def test_room_with_free_focal(
     assert found.report["focal_px"] == pytest.approx(FOCAL, rel=0.02)
     assert np.median(errors) < 0.02
     assert np.median(rotation_errors_deg(found, room_poses, np.arange(10))) < 0.1
-    assert stages == {"finding features": 1, "matching features": 1, "mapping": 0.5, "adjusting": 1}
+    assert list(stages) == list(STAGES)
+    assert stages["matching features"] == pytest.approx(0.45)
+    assert 0.6 < stages["mapping"] < 0.9
+    assert stages["adjusting"] == 1
 
 
 def test_room_is_put_into_a_scene_frame(tmp_path: Path, room_images: list[np.ndarray]) -> None:
@@ -157,6 +161,7 @@ def test_room_is_put_into_a_scene_frame(tmp_path: Path, room_images: list[np.nda
 def test_result_survives_its_files_and_nothing_is_printed(
     tmp_path: Path, room_images: list[np.ndarray], capfd: pytest.CaptureFixture[str]
 ) -> None:
+    pycolmap.logging.minloglevel = 0  # what pycolmap.bundle_adjustment leaves behind
     found = run(tmp_path, room_images[:7], camera=true_camera())
     assert capfd.readouterr() == ("", "")
     found.save(tmp_path / "saved")
@@ -175,6 +180,26 @@ def test_result_survives_its_files_and_nothing_is_printed(
         pixels = found.trajectory.project(i, found.points_in_world[rows])
         assert (pixels > -5).all()
         assert (pixels < [WIDTH + 5, HEIGHT + 5]).all()
+
+
+def test_four_frames_report_what_is_not_known_as_none_and_one_rising_bar(
+    tmp_path: Path, room_images: list[np.ndarray]
+) -> None:
+    told: list[tuple[str, float]] = []
+    found = run(
+        tmp_path,
+        room_images[:4],
+        camera=true_camera(),
+        progress=lambda stage, fraction: told.append((stage, fraction)),
+    )
+    found.save(tmp_path / "saved")
+    fractions = [fraction for _, fraction in told]
+    assert found.report["roughness"] is None
+    assert "NaN" not in (tmp_path / "saved" / "report.json").read_text()
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    assert fractions[0] == pytest.approx(0.25)
+    assert {stage for stage, _ in told} == set(STAGES)
 
 
 def test_flat_scene_is_fine(tmp_path: Path) -> None:

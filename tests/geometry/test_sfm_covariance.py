@@ -1,5 +1,7 @@
 """Pose covariances against gtsam on the same problem, and their independence of the gauge."""
 
+from types import SimpleNamespace
+
 import gtsam
 import numpy as np
 import pycolmap
@@ -93,6 +95,16 @@ def test_every_pose_has_a_covariance() -> None:
     assert covariances.shape == (6, 6, 6)
     assert np.isfinite(covariances).all()
     assert (np.linalg.eigvalsh(covariances) > 0).all()
+
+
+def test_no_covariance_where_the_gauge_holds_no_camera(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, ids = synthetic_model(4)
+    whole = SimpleNamespace(
+        get_cam_cov_from_world=lambda _: np.eye(6),
+        get_cam_cross_cov_from_world=lambda _a, _b: np.zeros((6, 6)),
+    )
+    monkeypatch.setattr(pycolmap, "estimate_ba_covariance", lambda *_: whole)
+    assert pose_covariances(model, ids, refined_camera=False) is None
 
 
 def test_gauge_projector_removes_similarities_and_nothing_else() -> None:

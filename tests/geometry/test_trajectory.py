@@ -103,6 +103,46 @@ def test_empty_trajectory_round_trip() -> None:
     assert len(Trajectory.from_dict(empty.to_dict())) == 0
 
 
+def test_frames_are_put_in_order() -> None:
+    content = random_trajectory(4).to_dict()
+    content["frames"].reverse()
+    found = Trajectory.from_dict(content)
+    assert found.indices.tolist() == [0, 3, 6, 9, 12]
+    np.testing.assert_array_equal(found.translations, random_trajectory(4).translations)
+
+
+@pytest.mark.parametrize("schema", ["locate.trajectory/1", "locate.truth/1"])
+def test_both_schemas_are_read(schema: str) -> None:
+    assert len(Trajectory.from_dict(random_trajectory(4).to_dict() | {"schema": schema})) == 5
+
+
+@pytest.mark.parametrize("schema", ["locate.trajectory/2", "locate.map/1", None])
+def test_other_schemas_are_refused(schema: str | None) -> None:
+    with pytest.raises(BadInputError, match=r"schema .* expected locate\.trajectory/1"):
+        Trajectory.from_dict(random_trajectory(4).to_dict() | {"schema": schema})
+
+
+def test_repeated_frames_are_refused() -> None:
+    content = random_trajectory(4).to_dict()
+    content["frames"][3]["index"] = 3
+    with pytest.raises(BadInputError, match="frame 3 comes more than once"):
+        Trajectory.from_dict(content)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+@pytest.mark.parametrize("key", ["translation", "rotation_xyzw", "time_s"])
+def test_poses_that_are_not_finite_are_refused(tmp_path: Path, key: str, value: float) -> None:
+    content = random_trajectory(4).to_dict()
+    frame = content["frames"][2]
+    if key == "time_s":
+        frame[key] = value
+    else:
+        frame["cam_from_world"][key][1] = value
+    (tmp_path / "t.json").write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match=r"t\.json: (frame 6: .*finite|.*quat)"):
+        Trajectory.load(tmp_path / "t.json")
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "[]", "{}", "nothing", '{"frames": 3}', '{"schema": "x", "frames": [{}], "units": "m"}'],

@@ -205,6 +205,18 @@ def test_the_table_shows_the_error(tmp_path: Path) -> None:
     Console(file=text, width=100).print(evaluation_table(verdict))
     assert "0.100" in text.getvalue()
     assert "false plumes" in text.getvalue()
+    assert "scene units" not in text.getvalue()
+
+
+def test_the_table_has_the_unit_of_the_truth(tmp_path: Path) -> None:
+    folder = truth_folder(tmp_path, SOURCE, trajectory=orbit(metric=False))
+    verdict = evaluate(plume_map(plume(), units="scene"), orbit(), folder)
+    assert verdict.to_dict()["units"] == "scene"
+    text = StringIO()
+    Console(file=text, width=100).print(evaluation_table(verdict))
+    for quantity in ("source error", "camera position rmse"):
+        (line,) = [line for line in text.getvalue().splitlines() if quantity in line]
+        assert "scene units" in line
 
 
 @pytest.mark.parametrize(
@@ -221,3 +233,39 @@ def test_a_wrong_truth_is_bad_input(tmp_path: Path, change: dict[str, Any], mess
 def test_a_missing_truth_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=r"truth\.json"):
         evaluate(plume_map(), orbit(), tmp_path)
+
+
+def broken(path: Path, how: str) -> None:
+    whole = path.read_bytes()
+    match how:
+        case "junk":
+            path.write_bytes(b"not arrays at all")
+        case "empty":
+            path.write_bytes(b"")
+        case "cut":
+            path.write_bytes(whole[: len(whole) // 2])
+        case "other":
+            np.savez(path, other=np.zeros((48, 64)))
+
+
+@pytest.mark.parametrize("how", ["junk", "empty", "cut", "other"])
+@pytest.mark.parametrize("place", ["truth", "detections"])
+def test_a_broken_frame_is_named(tmp_path: Path, place: str, how: str) -> None:
+    folder, detections = truth_folder(tmp_path, SOURCE), tmp_path / "detections"
+    displacement, mask = frame_truth(folder, 0)
+    save_detection(detections, 0, displacement, mask)
+    path = tmp_path / place / "000000.npz"
+    broken(path, how)
+    with pytest.raises(BadInputError) as error:
+        evaluate(plume_map(), orbit(metric=True), folder, detections)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_truth_of_mixed_sizes_is_named(tmp_path: Path) -> None:
+    folder, detections = truth_folder(tmp_path, SOURCE), tmp_path / "detections"
+    displacement, mask = frame_truth(folder, 0)
+    save_detection(detections, 0, displacement, mask)
+    np.savez(folder / "truth" / "000000.npz", displacement=displacement, mask=mask[::2])
+    with pytest.raises(BadInputError, match=r"000000\.npz: displacement is"):
+        evaluate(plume_map(), orbit(metric=True), folder, detections)

@@ -106,7 +106,8 @@ def test_table_limits_and_times_are_in_the_text_itself(tmp_path: Path) -> None:
     words = " ".join(Page(text).words)
     for expected in (
         *("One plume found", "0.300, -0.200, 0.100", "Lengths are not metres."),
-        *("a plume of 0.25 px would have been seen", "a note <of> the run", "<a&b>.mp4"),
+        *("a plume of 0.25 px would have been seen in half", "a note <of> the run", "<a&b>.mp4"),
+        *("Seen in half of the places", '"> 0.999" is an extrapolation'),
         *("is hidden from the camera", "poses", "4.5", "12 of 12", "0.10 scene units above"),
     ):
         assert expected in words, expected
@@ -124,6 +125,9 @@ def test_the_scene_holds_cameras_and_the_plume_where_they_are(tmp_path: Path) ->
     np.testing.assert_allclose(unpacked(traces["source 1"])[0], SOURCE, atol=1e-6)
     assert np.linalg.norm(unpacked(traces["plume 1"])[0] - SOURCE) == pytest.approx(0.05, rel=1e-3)
     assert "source 1, 2 sigma" in traces
+    title = traces["evidence"]["marker"]["colorbar"]["title"]["text"]
+    assert "evidence" in title
+    assert "0.5 = says nothing" in title
 
 
 def test_axes_have_one_scale_and_stray_points_do_not_zoom_out(tmp_path: Path) -> None:
@@ -147,11 +151,14 @@ def test_a_still_camera_has_bearings_and_no_scene(tmp_path: Path) -> None:
         probability=0.9,
         displacement_px=0.4,
     )
-    text = report(tmp_path / "r.html", plume_map(bearings=(bearing,)), None)
+    answer = plume_map(bearings=(bearing,), detection_limit_px=None)
+    text = report(tmp_path / "r.html", answer, None)
     assert "plotly" not in text.lower()
     words = " ".join(Page(text).words)
     assert "1 direction to a plume" in words
     assert "directions, not positions" in words
+    assert "One direction found." in words
+    assert "not known" not in words
 
 
 def test_nothing_found_and_nothing_kept_is_still_a_page(tmp_path: Path) -> None:
@@ -166,7 +173,7 @@ def test_nothing_found_and_nothing_kept_is_still_a_page(tmp_path: Path) -> None:
     )
     words = " ".join(Page(text).words)
     assert "No plume found" in words
-    assert "None found; a plume of 0.25 px would have been seen." in words
+    assert "None found; a plume of 0.25 px would have been seen in half of the places." in words
 
 
 def test_evidence_is_drawn_where_it_is_and_nowhere_else() -> None:

@@ -26,18 +26,20 @@ PLUME_CONTRACT = {
 }
 
 
+BEARING = Bearing(
+    direction_in_cam=np.array([0.0, 0.0, 1.0]),
+    sigma_rad=0.01,
+    evidence_nats=9.0,
+    probability=0.9,
+    displacement_px=0.4,
+)
+
+
 def test_a_map_reads_back_as_it_was_written(tmp_path: Path) -> None:
-    bearing = Bearing(
-        direction_in_cam=np.array([0.0, 0.0, 1.0]),
-        sigma_rad=0.01,
-        evidence_nats=9.0,
-        probability=0.9,
-        displacement_px=0.4,
-    )
     written = plume_map(
         plume(),
         plume(id=2, radius_by_height=np.zeros((0, 2)), source_hidden=True),
-        bearings=(bearing,),
+        bearings=(BEARING,),
         georeference=GEOREFERENCE,
         detection_limit_k=12.0,
         notes=("one sentence",),
@@ -103,9 +105,14 @@ def test_shapes_are_checked() -> None:
 @pytest.mark.parametrize(
     ("plumes", "limits", "sentence"),
     [
-        ((), {}, "None found; a plume of 0.25 px would have been seen."),
-        ((), {"detection_limit_k": 30.0}, "30 K warmer"),
+        ((), {}, "None found; a plume of 0.25 px would have been seen in half of the places."),
+        (
+            (),
+            {"detection_limit_k": 30.0},
+            "0.25 px, about 30 K warmer than the air, would have been seen in half",
+        ),
         ((plume(),), {"detection_limit_px": None}, "One found; .* not known"),
+        ((), {"detection_limit_px": None, "bearings": (BEARING,)}, r"^One direction found\.$"),
     ],
 )
 def test_the_limit_is_said_in_words(

@@ -152,12 +152,43 @@ def test_poses_that_are_none(tmp_path: Path) -> None:
     bad(result, 2, "p.json")
 
 
-def test_full_disk(tmp_path: Path) -> None:
+def test_usage_error_is_no_traceback() -> None:
+    result = locate("run", "video.mp4", "-o", "out", "--detector", "guess")
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    assert "guess" in result.stderr
+
+
+def test_interrupt_says_how_to_go_on(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        command("run", SAMPLE_VIDEO, "-o", tmp_path / "out", "--max-frames", FRAMES),
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while not stage_has_begun(tmp_path / "out" / "log.jsonl", "frames"):
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "the same command goes on" in stderr
+    assert "Traceback" not in stderr
+
+
+def test_mistyped_recording_does_not_spoil_the_folder(tmp_path: Path) -> None:
+    output = tmp_path / "o"
+    for _ in range(2):
+        bad(locate("run", tmp_path / "no.mp4", "-o", output), 2, "no.mp4")
+
+
+@pytest.mark.parametrize("size", ["1m", "4m"])
+def test_full_disk(tmp_path: Path, size: str) -> None:
     small = tmp_path / "small"
     small.mkdir()
     mount = shutil.which("mount")
     mounted = mount and subprocess.run(
-        [mount, "-t", "tmpfs", "-o", "size=1m", "tmpfs", small], capture_output=True, check=False
+        [mount, "-t", "tmpfs", "-o", f"size={size}", "tmpfs", small],
+        capture_output=True,
+        check=False,
     )
     if not mounted or mounted.returncode != 0:
         pytest.skip("a small tmpfs cannot be mounted here; it takes root")

@@ -75,6 +75,16 @@ def test_failed_stage_leaves_no_output_and_keeps_its_workshop(tmp_path: Path) ->
     assert folder.times[0].note == "half"
 
 
+def test_results_of_another_kind_of_run_are_withdrawn(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+    folder.save_config({})
+    folder.stage("one", inputs={}, build=make("x", []))
+    folder = RunFolder(tmp_path)
+    folder.withdraw_others()
+    assert not (tmp_path / "answer.txt").exists()
+    assert not (tmp_path / ".stages" / "one.json").exists()
+
+
 def test_foreign_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "letter.txt").write_text("dear")
     with pytest.raises(BadInputError, match="not empty and not a run folder"):
@@ -94,13 +104,14 @@ def test_damaged_config_is_refused(tmp_path: Path, text: str) -> None:
         RunFolder(tmp_path)
 
 
-def test_damaged_stamp_means_do_it_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stamp", ["{", "{}", "[]", "null"])
+def test_damaged_stamp_means_do_it_again(tmp_path: Path, stamp: str) -> None:
     calls: list[str] = []
     for _ in range(2):
         folder = RunFolder(tmp_path)
         folder.save_config({})
         folder.stage("one", inputs={}, build=make("x", calls))
-        (tmp_path / ".stages" / "one.json").write_text("{")
+        (tmp_path / ".stages" / "one.json").write_text(stamp)
     assert calls == ["x", "x"]
 
 

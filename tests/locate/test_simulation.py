@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import yaml
 
+from detect.synthesis.buoyancy import BuoyantFlow
 from geometry.errors import BadInputError
 from geometry.refraction import gaussian_column_deflection, refractivity
 from geometry.trajectory import Trajectory
 from locate.simulation import Scene, random_scene, render_onto, simulate
-from locate.simulation.buoyancy import BuoyantFlow
 from locate.simulation.onto import displace
 from locate.simulation.paths import fly
+from locate.simulation.photos import PhotoSet
 from locate.simulation.plume import PlumeField, visible_percentile
 from locate.simulation.render import Renderer
 from locate.simulation.scene import ImageBlock
@@ -247,6 +248,14 @@ def test_heavy_gas_sinks():
         ("objects: [{kind: ground, material: cheese}]", "cheese"),
         ("objects: [{kind: sphere}]", "objects.0"),
         ("plumes: [{source: [0, 0, 0], gas: steam}]", "steam"),
+        ("plumes: [{source: [0, 0, 0], amplitude_px: .inf}]", "plumes.0.amplitude_px"),
+        ("path: {target: [.inf, 0, 0]}", "path.target.0"),
+        ("video: {fps: 0.0001}", "video.fps"),
+        ("seed: -1", "seed"),
+        ("camera: {width: 161}\nvideo: {codec: h264}", "even camera.width"),
+        ("objects: [{kind: wall, start: [1, 2], end: [1, 2]}]", "objects.0.wall: start and end"),
+        ("objects: [{kind: cylinder, start: [1, 2, 3], end: [1, 2, 3]}]", "objects.0.cylinder"),
+        ("objects: [{kind: pipe_rack, levels_m: []}]", "levels_m"),
     ],
 )
 def test_bad_scene_is_named(tmp_path, text, named):
@@ -321,6 +330,36 @@ def test_onto_real_photos(tmp_path):
     assert image.shape == (120, 160)
 
 
+def test_photos_of_a_transforms_json(tmp_path):
+    matrix = np.array([[1, 0, 0, 0.5], [0, 0, -1, -6], [0, 1, 0, 2], [0, 0, 0, 1]], dtype=float)
+    frames = [{"file_path": f"images/{i}.png", "transform_matrix": matrix.tolist()} for i in (1, 0)]
+    block = {"w": 64, "h": 48, "camera_angle_x": np.pi / 2, "frames": frames}
+    (tmp_path / "transforms.json").write_text(json.dumps(block))
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "1.png"), np.zeros((48, 64), np.uint8))
+    photos = PhotoSet.load(tmp_path)
+    assert [path.name for path in photos.paths] == ["1.png"], "poses without a photo are left out"
+    assert photos.trajectory.camera.params == pytest.approx((32, 32, 31.5, 23.5))
+    np.testing.assert_allclose(photos.trajectory.centers_in_world, [[0.5, -6, 2]])
+    np.testing.assert_allclose(photos.trajectory.project(0, np.array([0.5, 0, 2])), [31.5, 23.5])
+
+
+def test_photos_of_half_size_have_half_the_camera(tmp_path):
+    photo_set(tmp_path)
+    for path in (tmp_path / "images").iterdir():
+        cv2.imwrite(str(path), np.zeros((120, 160), np.uint8))
+    camera = PhotoSet.load(tmp_path).trajectory.camera
+    assert (camera.width, camera.height) == (160, 120)
+    assert camera.params == pytest.approx((200, 200, 79.5, 59.5))
+
+
+def test_a_broken_camera_file_is_named(tmp_path):
+    photo_set(tmp_path)
+    (tmp_path / "1.png.camera").write_text("no numbers")
+    with pytest.raises(BadInputError, match=r"1\.png\.camera"):
+        PhotoSet.load(tmp_path)
+
+
 def test_displaced_photos_are_as_sharp_as_others():
     rng = np.random.default_rng(0)
     photo = rng.integers(0, 255, (512, 512), dtype=np.uint8)
@@ -348,8 +387,6 @@ def test_unposed_photos_are_bad_input(tmp_path, content):
 
 @pytest.mark.parametrize("name", ["lund_door", "strecha_fountain-P11", "fox_handheld"])
 def test_real_photo_sets_load(shared_data, name):
-    from locate.simulation.photos import PhotoSet
-
     photos = PhotoSet.load(shared_data / "2_sfm" / name)
     assert len(photos.paths) >= 11
     assert photos.image(0).shape[0] == photos.trajectory.camera.height

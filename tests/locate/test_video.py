@@ -1,6 +1,7 @@
 """Recordings and key frames: what is kept, and what is refused with one line."""
 
 import struct
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -215,6 +216,36 @@ def test_truncated_video_gives_what_decodes(
     assert 25 <= len(kept) <= 31
     assert "truncated" in kept.warnings[0]
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "error", [av.error.ExternalError, av.error.EOFError, av.error.UnknownError, OSError]
+)
+def test_every_error_of_the_decoder_is_caught(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[Exception]
+) -> None:
+    (tmp_path / "v.mp4").write_bytes(b"video")
+
+    def fail(_: str) -> None:
+        raise error(1, "it broke")
+
+    monkeypatch.setattr(av, "open", fail)
+    assert "it broke" in refused(tmp_path / "v.mp4", tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["video", "photos", "unknown"])
+def test_one_bar_rises_over_watching_and_writing(tmp_path: Path, kind: str) -> None:
+    frames = pan([5.0 * i for i in range(10)])
+    photos = kind == "photos"
+    path = tmp_path / ("photos" if photos else "v.mkv")
+    recording = open_recording((write_photos if photos else write_video)(path, frames))
+    if kind == "unknown":
+        recording = replace(recording, expected_frames=0)
+    told: list[float] = []
+    select_frames(recording, tmp_path / "frames", progress=lambda _, share: told.append(share))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert told[9] == (-1.0 if kind == "unknown" else pytest.approx(0.5))
 
 
 def test_whole_video_has_no_warning(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def _voxels(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
         "cmax": 1,
         "opacity": opacity,
         "colorbar": {
-            "title": {"text": "probability"},
+            "title": {"text": "evidence,<br>0.5 = says nothing"},
             "len": 0.45,
             "thickness": 10,
             "x": 0.99,
@@ -83,7 +83,7 @@ def _voxels(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
             "tickvals": [0, 0.5, 1],
         },
     }
-    trace["hovertemplate"] = "probability %{marker.color:.2f}<extra>evidence</extra>"
+    trace["hovertemplate"] = "%{marker.color:.2f}, 0.5 = says nothing<extra>evidence</extra>"
     return [trace]
 
 

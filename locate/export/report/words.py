@@ -42,7 +42,10 @@ def facts(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[tuple[
         arc = np.linalg.norm(np.diff(trajectory.centers_in_world, axis=0), axis=1).sum()
         yield "Camera path", f"{arc:.3g} {plume_map.unit_name}"
     limit = plume_map.detection_limit_px
-    yield "Detection limit", "not known" if limit is None else f"{limit:.2g} px"
+    if limit is not None:
+        yield "Seen in half of the places", f"a plume of {limit:.2g} px"
+    elif not plume_map.bearings:
+        yield "Detection limit", "not known"
     yield "Detector", plume_map.detector
     if trajectory is not None:
         yield "Units", "metres" if plume_map.units == "m" else "scene units"
@@ -52,6 +55,11 @@ def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
     """What the answer does not say, in plain words; the notes of the map included."""
     yield plume_map.limit_text()
     yield from plume_map.notes
+    if plume_map.plumes or plume_map.bearings:
+        yield (
+            "The probability comes from an extreme-value fit to a dozen random draws of the run's "
+            'own maps: "> 0.999" is an extrapolation.'
+        )
     if trajectory is None:
         return
     if plume_map.georeference is None:

@@ -5,12 +5,13 @@ Stable fluids (Stam, SIGGRAPH 1999) with MacCormack advection (Selle et al., J. 
 """
 
 import itertools
+from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
 import scipy.fft
 
-from geometry.arrays import FloatMap
+from geometry.arrays import BoolArray, FloatMap
 
 GRAVITY = 9.81
 COURANT = 2.0
@@ -18,6 +19,10 @@ COURANT = 2.0
 SOURCE_CELLS = 3
 STILL_CELLS = 0.04
 """Fluid that crosses less of a cell in a step is left where it is."""
+UNSTEADINESS = 0.15
+"""Standard deviation of what leaves the exit, relative."""
+WIND_CELLS = 10
+"""Height at which the wind has its full speed."""
 INTENSITY = 0.045
 """Share of the local speed that the eddies too small for the grid add, each way."""
 EDDY_CELLS = (2.5, 5.0)
@@ -39,6 +44,11 @@ class BuoyantFlow:
         deficit: Relative density deficit at the exit, positive.
         exit_mps: Speed of the fluid that leaves the exit.
         rng: Drives the turbulence.
+        centers_m: Where the exits are, from the middle of the floor along x and y.
+        turbulence: Factor on the unsteadiness of the exit and on the unresolved eddies.
+        diffusion_cells: Eddy viscosity and diffusivity, square cells a step.
+        wind_mps: Speed of the surroundings along x.
+        solid: (X, Y, Z) cells through which nothing flows.
     """
 
     def __init__(
@@ -50,12 +60,21 @@ class BuoyantFlow:
         deficit: float,
         exit_mps: float,
         rng: np.random.Generator,
+        centers_m: Sequence[tuple[float, float]] = ((0.0, 0.0),),
+        turbulence: float = 1.0,
+        diffusion_cells: float = DIFFUSION_CELLS,
+        wind_mps: float = 0.0,
+        solid: BoolArray | None = None,
     ) -> None:
         self.shape = shape
         self.cell_m = cell_m
         self._buoyancy = GRAVITY * deficit
         self._exit_mps = exit_mps
         self._rng = rng
+        self._turbulence = turbulence
+        self._diffusion = diffusion_cells
+        height = np.arange(shape[2], dtype=np.float32)
+        self._wind = np.tile(wind_mps * np.clip(height / WIND_CELLS, 0, 1), (*shape[:2], 1))
         waves = [2 * np.pi * scipy.fft.fftfreq(n) for n in shape[:2]]
         waves.append(2 * np.pi * scipy.fft.rfftfreq(shape[2]))
         self._waves = np.stack(np.meshgrid(*waves, indexing="ij")).astype(np.float32)
@@ -63,14 +82,20 @@ class BuoyantFlow:
         self._inverse_square = 1 / np.where(self._square == 0, np.inf, self._square)
         self._index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"))
         self._index = self._index.reshape(3, -1).astype(np.float32)
-        self._disc = self._exit(radius_m)
+        exits = [self._exit(radius_m, center) for center in centers_m]
+        self._disc = np.max(exits, axis=0)
         self._sponge = self._margins()
+        self._solid = solid
+        if solid is not None:
+            self._sponge[solid] = 0
+            self._wind[solid] = 0
         self._eddies = (
             sum(self._smooth_noise(cells) for cells in EDDY_CELLS) / len(EDDY_CELLS) ** 0.5
         )
         self._eddy_cells = max(2.0, 0.8 * radius_m / cell_m)
         self.state = np.zeros((*shape, 4), dtype=np.float32)
         self.state[..., :3] = 0.06 * self._smooth_noise(4.0)
+        self.state[..., U] += self._wind
 
     @property
     def tracer(self) -> FloatMap:
@@ -103,8 +128,11 @@ class BuoyantFlow:
             self._step(step_s)
             crossed_m += speed * step_s
 
-    def _exit(self, radius_m: float) -> FloatMap:
-        x, y = (np.arange(n) - (n - 1) / 2 for n in self.shape[:2])
+    def _exit(self, radius_m: float, center_m: tuple[float, float]) -> FloatMap:
+        x, y = (
+            np.arange(n) - (n - 1) / 2 - c / self.cell_m
+            for n, c in zip(self.shape[:2], center_m, strict=True)
+        )
         radius = np.hypot(x[:, None], y) - radius_m / self.cell_m
         return np.asarray(1 / (1 + np.exp(radius / 0.5)), dtype=np.float32)
 
@@ -131,12 +159,16 @@ class BuoyantFlow:
         self._feed()
         self._stir(dt_s)
         self.state[..., W] += dt_s * self._buoyancy * self.state[..., TRACER]
+        self.state[..., U] -= self._wind
         self.state *= self._sponge
+        self.state[..., U] += self._wind
         self._project()
+        if self._solid is not None:
+            self.state[self._solid] = 0
 
     def _feed(self) -> None:
         """Puts fresh fluid into the exit, unsteady as the flow in a pipe or over a fire is."""
-        unsteady = 1 + 0.15 * self._rng.standard_normal(self.shape[:2])
+        unsteady = 1 + UNSTEADINESS * self._turbulence * self._rng.standard_normal(self.shape[:2])
         fresh = (self._disc * np.clip(unsteady, 0, 1.5))[..., None]
         bottom = self.state[:, :, :SOURCE_CELLS]
         np.maximum(bottom[..., TRACER], fresh, out=bottom[..., TRACER])
@@ -148,7 +180,7 @@ class BuoyantFlow:
         offset = tuple(int(n) for n in self._rng.integers(0, self.shape))
         speed = np.abs(self.state[..., W]) * np.sqrt(np.clip(4 * self.state[..., TRACER], 0, 1))
         crossed = np.minimum(speed * (dt_s / (self._eddy_cells * self.cell_m)), 1)
-        kick = INTENSITY * speed * np.sqrt(2 * crossed)
+        kick = INTENSITY * self._turbulence * speed * np.sqrt(2 * crossed)
         self.state[..., :3] += kick[..., None] * np.roll(self._eddies, offset, axis=(0, 1, 2))
 
     def _advected(self, dt_s: float) -> FloatMap:
@@ -185,7 +217,7 @@ class BuoyantFlow:
     def _project(self) -> None:
         """Takes the divergence out of the velocity, and spreads everything a little."""
         spectrum = scipy.fft.rfftn(self.state.transpose(3, 0, 1, 2), axes=(1, 2, 3))
-        spectrum *= np.exp(-DIFFUSION_CELLS * self._square)
+        spectrum *= np.exp(-self._diffusion * self._square)
         along = (self._waves * spectrum[:3]).sum(axis=0) * self._inverse_square
         spectrum[:3] -= self._waves * along
         fields = scipy.fft.irfftn(spectrum, s=self.shape, axes=(1, 2, 3))

@@ -1,0 +1,43 @@
+"""What a run costs: CPU and wall seconds of every stage, and the peak memory.
+
+python benchmarks/run_cost.py                # the bundled sample, 60 frames of 640x480
+python benchmarks/run_cost.py video.mp4
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from locate.sample import SAMPLE_VIDEO
+
+STAGES = ("frames", "poses", "detections", "fusion", "report")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("recording", type=Path, nargs="?", default=SAMPLE_VIDEO)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "run"
+        command = [sys.executable, "-m", "locate", "run", arguments.recording, "-o", output]
+        subprocess.run(command, check=True, capture_output=True)
+        print(f"{'stage':10s} | CPU s | wall s | note        ({os.cpu_count()} cores)")
+        for stage in STAGES:
+            stamp = output / ".stages" / f"{stage}.json"
+            if stamp.exists():
+                time = json.loads(stamp.read_text())["time"]
+                print(
+                    f"{stage:10s} | {time['cpu_s']:5.1f} | {time['wall_s']:6.1f} | {time['note']}"
+                )
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(f"in all     | {usage.ru_utime + usage.ru_stime:5.1f} CPU s, start-up included")
+    print(f"peak memory | {usage.ru_maxrss / 1024:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
