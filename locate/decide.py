@@ -12,6 +12,7 @@ from locate.fusion.bearings import find_bearings
 from locate.fusion.fuse import fuse
 from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
 from locate.fusion.views import RANGE_TO_UNIT, Views
+from locate.journal import Report, silent
 from locate.observe import Recorded, load_detections
 from locate.plume import PlumeMap
 
@@ -29,7 +30,9 @@ BLIND = (
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 
 
-def decide(detections: Path, recorded: Recorded, evidence: Path, *, seed: int) -> PlumeMap:
+def decide(
+    detections: Path, recorded: Recorded, evidence: Path, *, seed: int, report: Report = silent
+) -> PlumeMap:
     """Fuses the detections; writes the summed evidence where there is any.
 
     Args:
@@ -37,11 +40,13 @@ def decide(detections: Path, recorded: Recorded, evidence: Path, *, seed: int) -
         recorded: The frames.
         evidence: The .npz to write; a still camera has none.
         seed: Of every random choice.
+        report: Told how far it is.
     """
     detector, indices, found = load_detections(detections)
     trajectory = recorded.undistorted_trajectory()
     if trajectory is None:
-        bearings, _ = find_bearings(found, recorded.camera.undistorted(), seed=seed)
+        bearings = find_bearings(found, recorded.camera.undistorted(), seed=seed)
+        report("fusion", 1.0)
         return PlumeMap(
             units="scene",
             gravity=False,
@@ -51,7 +56,7 @@ def decide(detections: Path, recorded: Recorded, evidence: Path, *, seed: int) -
             notes=(ONE_VIEWPOINT,),
         )
     views = Views.from_detections(found, trajectory.take(recorded.rows(indices)))
-    fused = fuse(views, seed=seed)
+    fused = fuse(views, seed=seed, progress=lambda share: report("fusion", share))
     limit_px = None
     if fused.grid is not None:
         save_grid(fused.grid, evidence)

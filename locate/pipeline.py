@@ -9,6 +9,7 @@ from typing import Any
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.named_poses import resized
 from geometry.pose_files import read_named_poses
 from geometry.sfm import reconstruct
 from geometry.trajectory import Trajectory
@@ -93,19 +94,9 @@ class Run:
         try:
             content = json.loads(self.config.camera.read_text())
             camera = Camera.from_dict(content.get("camera", content))
+            return resized(camera, self._key_frames.width, self._key_frames.height)
         except (OSError, ValueError, AttributeError, BadInputError) as error:
             raise BadInputError(f"{self.config.camera}: not a camera file ({error})") from error
-        return self._at_frame_size(camera)
-
-    def _at_frame_size(self, camera: Camera) -> Camera:
-        frames = self._key_frames
-        scaled = camera.scaled(frames.width / camera.width)
-        if (scaled.width, scaled.height) != (frames.width, frames.height):
-            raise BadInputError(
-                f"the camera is for {camera.width}x{camera.height} px, "
-                f"the frames have the shape of {frames.width}x{frames.height}"
-            )
-        return scaled
 
     def _focal_prior_px(self) -> float | None:
         if self.config.focal_px is None:
@@ -218,16 +209,18 @@ class Run:
 
     def _decide(self, recorded: Recorded) -> None:
         def build(folder: Path) -> str:
-            self._report("fusion", -1)
             plume_map = decide(
-                self.root / "detections", recorded, folder / "evidence.npz", seed=self.config.seed
+                self.root / "detections",
+                recorded,
+                folder / "evidence.npz",
+                seed=self.config.seed,
+                report=self._report,
             )
             plume_map = replace(
                 plume_map,
                 notes=(*plume_map.notes, *self._focal_notes(), *self._key_frames.warnings),
             )
             plume_map.save(folder / "map.json")
-            self._report("fusion", 1)
             return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
 
         inputs = {"seed": self.config.seed, "notes": self._focal_notes()}

@@ -21,7 +21,7 @@ BASE_SIGMA_PX = 2.0
 
 def find_bearings(
     detections: Sequence[Detection], camera: Camera, *, seed: int = 0
-) -> tuple[tuple[Bearing, ...], float]:
+) -> tuple[Bearing, ...]:
     """Regions of the mean evidence that chance does not make, and the level they must pass.
 
     Args:
@@ -30,7 +30,7 @@ def find_bearings(
         seed: Of the random shifts of the null.
 
     Returns:
-        The bearings, strongest first, and the threshold in nats.
+        The bearings, strongest first.
     """
     factor = min(1.0, FUSION_WIDTH_PX / camera.width)
     small = camera.scaled(factor)
@@ -45,7 +45,7 @@ def find_bearings(
         if false_alarm <= FALSE_ALARM:
             found.append(_bearing(mask, nats, false_alarm, detections, small))
     found.sort(key=lambda bearing: -bearing.evidence_nats)
-    return tuple(found), null.threshold(FALSE_ALARM)
+    return tuple(found)
 
 
 def _shuffled_strongest(llr: FloatMap, looks: float, rng: np.random.Generator) -> float:

@@ -1,5 +1,6 @@
 """The whole of fusion: evidence of many views in, plumes out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from locate.fusion.views import Views
 from locate.plume import Plume
 
 FALSE_ALARM = 0.01
+NULL_SHARE = 0.8  # of the time that fusion takes
 REFINEMENTS = 4
 RADIUS_SAMPLES = 9
 
@@ -48,14 +50,24 @@ class Fused:
     threshold_nats: float
 
 
-def fuse(views: Views, *, seed: int = 0) -> Fused:
-    """Finds the plumes that the summed evidence of all views speaks for."""
+def fuse(
+    views: Views, *, seed: int = 0, progress: Callable[[float], None] = lambda _share: None
+) -> Fused:
+    """Finds the plumes that the summed evidence of all views speaks for.
+
+    Args:
+        views: The evidence.
+        seed: Of every random choice.
+        progress: Told the share done, from 0 to 1.
+    """
     rng = np.random.default_rng(seed)
     unit = views.unit
     if np.isnan(unit):
         return Fused(plumes=(), grid=None, threshold_nats=np.inf)
     box = views.volume()
-    null = NullLevel.from_views(views, box, unit, rng)
+    null = NullLevel.from_views(
+        views, box, unit, rng, progress=lambda share: progress(NULL_SHARE * share)
+    )
     proposals, grid = propose(views, box, unit, most=STARTS)
     columns = fit_columns(views, proposals.columns, unit, rng)
     plumes: list[Plume] = []
@@ -72,6 +84,7 @@ def fuse(views: Views, *, seed: int = 0) -> Fused:
             continue
         plumes.append(_plume(left, column, axis, locate_base(left, column, unit), false_alarm))
         left = without(left, column)
+    progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
     numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
     return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=null.threshold(FALSE_ALARM))

@@ -6,7 +6,7 @@ each such draw is a sample of the largest value in the whole volume, so the leve
 volume, not for a voxel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -40,11 +40,20 @@ class NullLevel:
     scale: float
 
     @classmethod
-    def from_views(cls, views: Views, box: Box, unit: float, rng: np.random.Generator) -> Self:
-        """Draws `NULL_DRAWS` volumes from the run's own maps."""
+    def from_views(
+        cls,
+        views: Views,
+        box: Box,
+        unit: float,
+        rng: np.random.Generator,
+        *,
+        progress: Callable[[float], None],
+    ) -> Self:
+        """Draws `NULL_DRAWS` volumes from the run's own maps; tells `progress` the share done."""
         width = views.llr.shape[2]
         strongest = []
-        for _ in range(NULL_DRAWS):
+        for draw in range(NULL_DRAWS):
+            progress(draw / NULL_DRAWS)
             shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
             rolled = views.rolled([round(share * width) for share in shares])
             proposals, _ = propose(rolled, box, unit, most=STARTS)

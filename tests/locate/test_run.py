@@ -84,6 +84,8 @@ def test_killed_in_every_stage_it_ends_in_the_same_map(finished: Path, tmp_path:
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.02)
+        while stage == "detections" and not list(output.glob(".partial/*/detections/*.npz")):
+            time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert not (output / ".stages" / f"{stage}.json").exists()
