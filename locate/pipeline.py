@@ -161,6 +161,7 @@ class Run:
         frames = self._key_frames
         if shutil.disk_usage(folder).free < len(frames) * SFM_BYTES_PER_FRAME:
             raise OSError(errno.ENOSPC, "too little space for structure from motion", str(folder))
+        shutil.rmtree(folder / "sfm", ignore_errors=True)
         result = reconstruct(
             self.root / "frames",
             frames.names,

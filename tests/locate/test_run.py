@@ -17,6 +17,7 @@ from locate.plume import PlumeMap
 from locate.sample import SAMPLE, SAMPLE_VIDEO
 
 FRAMES = "14"
+MID_STAGE = {"poses": "sfm/database.db", "detections": "detections/*.npz"}
 STAGES = ("frames", "poses", "detections", "fusion", "report")
 
 
@@ -84,7 +85,7 @@ def test_killed_in_every_stage_it_ends_in_the_same_map(finished: Path, tmp_path:
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        while stage == "detections" and not list(output.glob(".partial/*/detections/*.npz")):
+        while stage in MID_STAGE and not list(output.glob(f".partial/*/{MID_STAGE[stage]}")):
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
         process.wait()

@@ -1,0 +1,40 @@
+"""Arrays in a file: written whole or not at all, and never unpickled."""
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.errors import BadInputError
+
+
+def save_arrays(path: Path, **arrays: np.ndarray) -> None:
+    """Writes a compressed .npz under a temporary name, then renames it.
+
+    Raises:
+        BadInputError: The file cannot be written.
+    """
+    unfinished = path.with_suffix(".partial")
+    try:
+        with unfinished.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+        unfinished.replace(path)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be written ({error})") from error
+
+
+@contextmanager
+def open_arrays(path: Path, what: str) -> Iterator[Any]:
+    """The arrays of an .npz by name, each read when it is asked for.
+
+    Raises:
+        BadInputError: The file is missing or broken, or lacks an array; `what` says what it is not.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            yield file
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise BadInputError(f"{path}: not {what}, delete it ({error})") from error

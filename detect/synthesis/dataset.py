@@ -1,0 +1,184 @@
+"""Samples rendered ahead into a folder of shards, so that training need not wait for them."""
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.synthesis.archive import open_arrays, save_arrays
+from detect.synthesis.recipe import FAMILIES, Recipe
+from detect.synthesis.sample import Sample, Sources, sample_at
+from geometry.arrays import BoolArray
+from geometry.errors import BadInputError
+
+SCHEMA = "locate.samples/1"
+SHARD_SAMPLES = 256
+Half = NDArray[np.float16]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shard:
+    """N samples in one file.
+
+    Attributes:
+        images: (N, H, W) uint8.
+        displacements: (N, H, W, 2) float16, px.
+        masks: (N, H, W).
+        families: (N,) index into `FAMILIES`.
+    """
+
+    images: NDArray[np.uint8]
+    displacements: Half
+    masks: BoolArray
+    families: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, samples: list[Sample]) -> Self:
+        """Packs samples of one size."""
+        return cls(
+            images=np.stack([sample.image for sample in samples]),
+            displacements=np.stack([s.displacement for s in samples]).astype(np.float16),
+            masks=np.stack([sample.mask for sample in samples]),
+            families=np.array([FAMILIES.index(s.family) for s in samples], dtype=np.uint8),
+        )
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def sample(self, i: int) -> Sample:
+        """Sample `i` of this shard."""
+        return Sample(
+            image=self.images[i],
+            displacement=self.displacements[i].astype(np.float32),
+            mask=self.masks[i],
+            family=FAMILIES[self.families[i]],
+        )
+
+    def save(self, path: Path) -> None:
+        """Writes all or nothing."""
+        save_arrays(
+            path,
+            images=self.images,
+            displacements=self.displacements,
+            masks=np.packbits(self.masks, axis=-1),
+            families=self.families,
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads what `save` wrote.
+
+        Raises:
+            BadInputError: The file is missing or broken.
+        """
+        with open_arrays(path, "a shard of samples") as file:
+            images = file["images"]
+            masks = np.unpackbits(file["masks"], axis=-1, count=images.shape[-1])
+            return cls(
+                images=images,
+                displacements=file["displacements"],
+                masks=masks.astype(bool),
+                families=file["families"],
+            )
+
+
+def render_dataset(recipe: Recipe, count: int, folder: Path, *, processes: int = 1) -> list[Path]:
+    """Writes samples 0 to `count` of a recipe into FOLDER; shards that stand there are kept.
+
+    A killed rendering continues where it stood when it is called again, and a larger `count` adds
+    to what is there.
+
+    Args:
+        recipe: What to render.
+        count: How many samples.
+        folder: Made where it is missing.
+        processes: How many work at once, each on one thread.
+
+    Returns:
+        The shards, in order.
+
+    Raises:
+        BadInputError: The folder holds samples of another recipe, or of other photos or runs.
+    """
+    sources = Sources.of(recipe)
+    _claim(folder, recipe, sources)
+    jobs = [
+        (folder / f"shard_{first // SHARD_SAMPLES:05d}.npz", range(first, count)[:SHARD_SAMPLES])
+        for first in range(0, count, SHARD_SAMPLES)
+    ]
+    missing = [(path, indices) for path, indices in jobs if _length(path) < len(indices)]
+    render = partial(_render, recipe, sources)
+    if processes == 1:
+        for job in missing:
+            render(job)
+    else:
+        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+            list(pool.map(render, missing))
+    return [path for path, _ in jobs]
+
+
+def shards_in(folder: Path) -> Iterator[Shard]:
+    """The shards of a rendered folder, one after the other.
+
+    Raises:
+        BadInputError: The folder holds no samples, or a broken shard.
+    """
+    _read_index(folder)
+    for path in sorted(folder.glob("shard_*.npz")):
+        yield Shard.load(path)
+
+
+def _render(recipe: Recipe, sources: Sources, job: tuple[Path, range]) -> None:
+    path, indices = job
+    cv2.setNumThreads(1)
+    Shard.of([sample_at(index, recipe, sources) for index in indices]).save(path)
+
+
+def _length(path: Path) -> int:
+    """How many samples a shard holds, 0 where there is none."""
+    if not path.exists():
+        return 0
+    with open_arrays(path, "a shard of samples") as file:
+        return len(file["families"])
+
+
+def _claim(folder: Path, recipe: Recipe, sources: Sources) -> None:
+    """Writes dataset.json, or checks that the folder's own says the same."""
+    index = {
+        "schema": SCHEMA,
+        "recipe": recipe.to_plain(),
+        "photos": [path.name for path in sources.photos],
+        "runs": [path.name for path in sources.runs],
+        "families": list(FAMILIES),
+    }
+    path = folder / "dataset.json"
+    if path.exists():
+        if _read_index(folder) != index:
+            raise BadInputError(f"{folder}: holds samples of another recipe, name a new folder")
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        unfinished = path.with_suffix(".partial")
+        unfinished.write_text(json.dumps(index, indent=1))
+        unfinished.replace(path)
+    except OSError as error:
+        raise BadInputError(f"{folder}: cannot be written ({error})") from error
+
+
+def _read_index(folder: Path) -> dict[str, Any]:
+    path = folder / "dataset.json"
+    try:
+        index = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{path}: not a readable index of samples ({error})") from error
+    if not isinstance(index, dict) or index.get("schema") != SCHEMA:
+        raise BadInputError(f"{path}: not an index of samples of schema {SCHEMA}")
+    return index
