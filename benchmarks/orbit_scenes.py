@@ -41,11 +41,11 @@ def render(folder: Path, seed: int, *, plume: bool, amplitude_px: float, noise: 
         simulate(random_scene(seed, plume=plume, amplitude_px=amplitude_px, noise=noise), folder)
 
 
-def run(folder: Path) -> Outcome:
+def run(folder: Path, *, resume: bool) -> Outcome:
     output = folder / "run"
     started = time.process_time()
     try:
-        plume_map = Run(RunConfig(recording=folder / "video.mkv"), output, force=True).run()
+        plume_map = Run(RunConfig(recording=folder / "video.mkv"), output, force=not resume).run()
     except LocateError as error:
         cpu_s = time.process_time() - started
         return Outcome(evaluation=None, plume_map=None, cpu_s=cpu_s, failure=str(error))
@@ -95,6 +95,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", choices=("leak", "clean"), default=("leak", "clean"))
     parser.add_argument("--amplitude", type=float, default=1.0, help="px")
     parser.add_argument("--noise", type=float, default=1.0, help="of 255")
+    parser.add_argument("--resume", action="store_true", help="Keep the stages that stand.")
     parser.add_argument("--work", type=Path, default=Path("work/orbit"))
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
@@ -106,7 +107,7 @@ def main() -> None:
             render(
                 folder, seed, plume=plume, amplitude_px=arguments.amplitude, noise=arguments.noise
             )
-            outcomes[plume].append(run(folder))
+            outcomes[plume].append(run(folder, resume=arguments.resume))
             print(row(f"{kind}_{seed}", outcomes[plume][-1]), flush=True)
     print(summary(outcomes[True], outcomes[False]))
 

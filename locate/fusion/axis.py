@@ -1,6 +1,5 @@
 """The axis of a column measured in each view: where, across it, the evidence lies."""
 
-import warnings
 from dataclasses import dataclass
 
 import cv2
@@ -26,34 +25,28 @@ PROFILE_SAMPLES = 81
 SEARCH_RADII = 1.6
 VIEW_SAW_NATS = 0.5
 LEAST_RADIUS_PX = 2.0
-SMALLEST_SCATTER_PX = 0.5
-FEWEST_SECTIONS = 2
-BEND = 0.15
+FEWEST_TO_FIT = 3
+ROBUST_TURNS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisSightings:
-    """Where each view sees the axis, at two points of it: its lowest and its highest.
-
-    Both lie on the line through what the view measured in the sections of the axis. A plume that
-    sways shifts its sections against each other, the upper ones most, so only the scatter of the
-    drawn points themselves says how sure a source at the base can be.
+    """Where each view sees the axis, section by section.
 
     Attributes:
-        heights: (2,) of the points above the column's lowest point, along world Z.
-        points: (2, 3) of the axis itself at these heights, world units.
-        pixel: (V, 2, 2) where the view sees the axis; NaN where it does not.
-        normal: (V, 2, 2) unit normal of the projected axis: the direction that was measured.
-        offset_px: (V, 2) distance of `pixel` from the projected axis along `normal`.
-        section_px: (V, S) the measured offsets of the sections, lowest first, NaN where unseen.
+        heights: (S,) middles of the sections above the column's lowest point, along world Z.
+        points: (S, 3) of the column's axis at these heights, world units.
+        pixel: (V, S, 2) where the view sees the axis; NaN where it does not.
+        normal: (V, S, 2) unit normal of the projected axis: the direction that was measured.
+        residual_px: (V, S) what is left of the distance between `pixel` and the projected axis
+            once each section may stand where it fits best: the sway and the noise.
     """
 
     heights: FloatArray
     points: FloatArray
     pixel: FloatArray
     normal: FloatArray
-    offset_px: FloatArray
-    section_px: FloatArray
+    residual_px: FloatArray
 
 
 def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
@@ -65,51 +58,46 @@ def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
     middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
     sections = column[HEIGHT] * (low + (high - low) * middles)
-    ends = np.array([0.0, column[HEIGHT]])
-    points = spine(column[None], ends[None])[0]
+    heights = sections.mean(axis=1)
+    points = spine(column[None], heights[None])[0]
     saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
     normal = np.zeros((len(views), len(sections), 2))
     offset = np.full((len(views), len(sections)), np.nan)
     for i in np.flatnonzero(saw):
-        for k, heights in enumerate(sections):
-            offset[i, k], normal[i, k] = _match(views, int(i), column, heights)
+        for k, section in enumerate(sections):
+            offset[i, k], normal[i, k] = _match(views, int(i), column, section)
     projected = np.stack([views.trajectory.project(i, points) for i in range(len(views))])
-    length_px = np.nanmedian(np.linalg.norm(projected[:, 1] - projected[:, 0], axis=-1))
-    drawn = _draw_lines(sections.mean(axis=1), offset, ends, BEND * length_px / ends[1])
-    end_normal = normal[:, [0, -1]]
     return AxisSightings(
-        heights=ends,
+        heights=heights,
         points=points,
-        pixel=projected + drawn[..., None] * end_normal,
-        normal=end_normal,
-        offset_px=drawn,
-        section_px=offset,
+        pixel=projected + offset[..., None] * normal,
+        normal=normal,
+        residual_px=_residuals(views, points, normal, offset),
     )
 
 
-def _draw_lines(
-    heights: FloatArray, offset: FloatArray, ends: FloatArray, bend_px: float
+def _residuals(
+    views: Views, points: FloatArray, normal: FloatArray, offset: FloatArray
 ) -> FloatArray:
-    """(V, 2) each view's offsets (V, S) at (S,) heights, drawn as a line to the two ends.
-
-    Sections that scatter much between views weigh little, and so do high ones: a plume bends
-    away from the line in which it sets out, by about `bend_px` per unit of height.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        median = np.nanmedian(offset, axis=0)
-        scatter = 1.4826 * np.nanmedian(np.abs(offset - median), axis=0)
-    scatter = np.nan_to_num(scatter, nan=np.inf)
-    weight = 1 / (scatter**2 + SMALLEST_SCATTER_PX**2 + (bend_px * heights) ** 2)
-    drawn = np.full((len(offset), 2), np.nan)
-    for i, row in enumerate(offset):
-        seen = np.isfinite(row)
-        if seen.sum() >= FEWEST_SECTIONS:
-            line = np.polynomial.Polynomial.fit(
-                heights[seen], row[seen], deg=1, w=np.sqrt(weight[seen])
-            )
-            drawn[i] = line(ends)
-    return drawn
+    """(V, S) offsets less those that moving each point sideways explains, by robust regression."""
+    nudge = 1e-3 * views.unit
+    residual = np.full_like(offset, np.nan)
+    for k, point in enumerate(points):
+        seen = np.flatnonzero(np.isfinite(offset[:, k]))
+        if len(seen) < FEWEST_TO_FIT:
+            continue
+        places = point + nudge * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        pixels = np.stack([views.trajectory.project(int(i), places) for i in seen])
+        moved = (pixels[:, 1:] - pixels[:, :1]) / nudge
+        design = np.einsum("vdk,vk->vd", moved, normal[seen, k])
+        row, weight = offset[seen, k], np.ones(len(seen))
+        for _ in range(ROBUST_TURNS):
+            root = np.sqrt(weight)
+            shift = np.linalg.lstsq(design * root[:, None], row * root, rcond=None)[0]
+            left = row - design @ shift
+            weight = 1 / (1 + (left / (2 * np.median(np.abs(left)) + 1e-9)) ** 2)
+        residual[seen, k] = left
+    return residual
 
 
 def _match(

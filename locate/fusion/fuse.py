@@ -101,7 +101,7 @@ def refine_axis(
     """Sights the axis and solves for it in turns; None where too few views see it."""
     axis = None
     for _ in range(REFINEMENTS):
-        axis = estimate_axis(views.trajectory, sight_axis(views, column), unit)
+        axis = estimate_axis(views.trajectory, column, sight_axis(views, column), unit)
         if axis is None:
             return None
         column = column.copy()

@@ -1,4 +1,4 @@
-"""The factor graph: camera poses and two points on a plume's axis, with their marginals.
+"""The factor graph: camera poses and the points of a plume's axis, with their marginals.
 
 Each view measures where the axis lies across itself, and nothing along it, so the noise of a
 measurement is an ellipse in pixels, tight across the axis. Projection factors take that as it
@@ -19,6 +19,7 @@ from gtsam.symbol_shorthand import L, X
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion.axis import AxisSightings
+from locate.fusion.column import spine
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
 FALLBACK_RANGE_SHARE = 0.002
@@ -32,11 +33,13 @@ LEAST_FREEDOM = 1.0
 WILD_SIGMAS = 3.0
 CAUCHY_K = 3.0
 FEWEST_VIEWS = 2
+FEWEST_SECTIONS = 2
+TILT = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisEstimate:
-    """Two points on the axis and their joint covariance.
+    """The base and the highest point of the axis, and their joint covariance.
 
     Attributes:
         heights: (2,) of the points above the column's lowest point, along world Z.
@@ -75,39 +78,48 @@ class AxisEstimate:
 
 
 def estimate_axis(
-    trajectory: Trajectory, sightings: AxisSightings, unit: float
+    trajectory: Trajectory, column: FloatArray, sightings: AxisSightings, unit: float
 ) -> AxisEstimate | None:
     """Solves for the axis from what all views see of it.
 
+    The axis is a chain of points, from the base upwards: a plume leaves its source straight up,
+    give or take `TILT` per unit of height, and drifts anew in every section. So what sways high
+    up says little about the base, and the lowest section that is seen well says most.
+
     Args:
         trajectory: V poses with their covariances; the camera of the sightings.
-        sightings: Where each view sees the axis.
+        column: (8,) the column that was sighted.
+        sightings: Where each view sees its axis.
         unit: The yardstick of fusion, world units.
 
     Returns:
-        The estimate, or None where fewer than two views see one of the halves.
+        The estimate, or None where fewer than two sections are seen by at least two views.
     """
     measured = np.abs(sightings.normal).sum(axis=-1) > 0
-    seen = np.asarray(np.isfinite(sightings.pixel).all(axis=-1) & measured)
-    if (seen.sum(axis=0) < FEWEST_VIEWS).any():
+    seen = np.isfinite(sightings.pixel).all(axis=-1) & np.isfinite(sightings.residual_px)
+    seen = np.asarray(seen & measured)
+    sections = np.flatnonzero(seen.sum(axis=0) >= FEWEST_VIEWS)
+    if len(sections) < FEWEST_SECTIONS:
         return None
     graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    _add_nodes(graph, initial, sightings.points, unit)
-    for i in np.flatnonzero(seen.any(axis=1)):
+    heights = np.r_[0.0, sightings.heights[sections]]
+    _add_chain(graph, initial, column, heights, unit)
+    for i in np.flatnonzero(seen[:, sections].any(axis=1)):
         _add_pose(graph, initial, trajectory, int(i), sightings.points[0])
-    nodes = [np.flatnonzero(column) for column in seen.T]
-    offsets = [sightings.offset_px[rows, node] for node, rows in enumerate(nodes)]
-    independent = _independent_views(sightings.section_px)
-    for node, rows in enumerate(nodes):
-        freedom = max(independent - FITTED_PER_NODE, LEAST_FREEDOM)
-        sigma = _scatter_px(offsets[node]) * np.sqrt(len(rows) / freedom)
+    independent = _independent_views(sightings.residual_px)
+    freedom = max(independent - FITTED_PER_NODE, LEAST_FREEDOM)
+    for node, section in enumerate(sections, start=1):
+        rows = np.flatnonzero(seen[:, section])
+        sigma = _scatter_px(sightings.residual_px[rows, section]) * np.sqrt(len(rows) / freedom)
         for i in rows:
-            _add_sighting(graph, trajectory, sightings, (int(i), node), sigma)
+            _add_sighting(graph, trajectory, sightings, (int(i), node, int(section)), sigma)
     result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
-    joint = gtsam.Marginals(graph, result).jointMarginalCovariance(gtsam.KeyVector([L(0), L(1)]))
+    ends = (0, len(sections))
+    keys = gtsam.KeyVector([L(node) for node in ends])
+    joint = gtsam.Marginals(graph, result).jointMarginalCovariance(keys)
     return AxisEstimate(
-        heights=sightings.heights,
-        points=np.array([result.atPoint3(L(node)) for node in (0, 1)]),
+        heights=heights[list(ends)],
+        points=np.array([result.atPoint3(L(node)) for node in ends]),
         covariance=np.asarray(joint.fullMatrix()),
     )
 
@@ -117,16 +129,16 @@ def _scatter_px(offsets: FloatArray) -> float:
     return float(np.hypot(_reined_in(offsets).std(), NOISE_FLOOR_PX))
 
 
-def _independent_views(section_px: FloatArray) -> float:
+def _independent_views(residual_px: FloatArray) -> float:
     """How many of the views err independently, by their lag-one correlation where it is real.
 
     A mean and a trend were taken from few values, which hides correlation: the estimate is
     corrected for that (Kendall, Biometrika 1954).
 
     Args:
-        section_px: (V, S) offsets of the sections; where the plume sways most counts most.
+        residual_px: (V, S) of the sections; where the plume sways most counts most.
     """
-    seen = section_px[np.isfinite(section_px).any(axis=1)]
+    seen = residual_px[np.isfinite(residual_px).any(axis=1)]
     n = len(seen)
     centred = np.stack([_reined_in(column) for column in seen.T], axis=1)
     lag = float((centred[1:] * centred[:-1]).sum() / max((centred**2).sum(), 1e-12))
@@ -146,14 +158,24 @@ def _reined_in(offsets: FloatArray) -> FloatArray:
     return np.asarray(centred.clip(-WILD_SIGMAS * typical, WILD_SIGMAS * typical))
 
 
-def _add_nodes(
-    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, points: FloatArray, unit: float
+def _add_chain(
+    graph: gtsam.NonlinearFactorGraph,
+    initial: gtsam.Values,
+    column: FloatArray,
+    heights: FloatArray,
+    unit: float,
 ) -> None:
-    sigmas = np.array([NODE_PRIOR_UNITS, NODE_PRIOR_UNITS, HEIGHT_GAUGE_UNITS]) * unit
-    noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    """Points of the axis at the (N,) heights, the base first, each above the one below it."""
+    points = spine(column[None], heights[None])[0]
+    wide = np.array([NODE_PRIOR_UNITS, NODE_PRIOR_UNITS, HEIGHT_GAUGE_UNITS]) * unit
+    graph.add(gtsam.PriorFactorPoint3(L(0), points[0], gtsam.noiseModel.Diagonal.Sigmas(wide)))
     for node, point in enumerate(points):
-        graph.add(gtsam.PriorFactorPoint3(L(node), point, noise))
         initial.insert(L(node), point)
+    for node, rise in enumerate(np.diff(heights)):
+        sigmas = np.array([TILT * rise, TILT * rise, HEIGHT_GAUGE_UNITS * unit])
+        noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+        step = np.array([0.0, 0.0, rise])
+        graph.add(gtsam.BetweenFactorPoint3(L(node), L(node + 1), step, noise))
 
 
 def _add_pose(
@@ -178,11 +200,12 @@ def _add_sighting(
     graph: gtsam.NonlinearFactorGraph,
     trajectory: Trajectory,
     sightings: AxisSightings,
-    view_and_node: tuple[int, int],
+    place: tuple[int, int, int],
     sigma_px: float,
 ) -> None:
-    i, node = view_and_node
-    across = sightings.normal[i, node]
+    """Adds what one view saw of one section; `place` is the view, the node and the section."""
+    i, node, section = place
+    across = sightings.normal[i, section]
     along = np.array([across[1], -across[0]])
     covariance = sigma_px**2 * np.outer(across, across)
     covariance += ALONG_AXIS_PX**2 * np.outer(along, along)
@@ -192,5 +215,5 @@ def _add_sighting(
     )
     K = trajectory.camera.matrix
     calibration = gtsam.Cal3_S2(K[0, 0], K[1, 1], 0.0, K[0, 2], K[1, 2])
-    pixel = sightings.pixel[i, node]
+    pixel = sightings.pixel[i, section]
     graph.add(gtsam.GenericProjectionFactorCal3_S2(pixel, noise, X(i), L(node), calibration))

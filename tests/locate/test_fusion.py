@@ -74,7 +74,8 @@ def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1), NONE)
     column = as_column(truth)
     column[0] += 0.1
-    axis = estimate_axis(views.trajectory, sight_axis(views, column), views.unit)
+    sightings = sight_axis(views, column)
+    axis = estimate_axis(views.trajectory, column, sightings, views.unit)
     assert axis is not None
     point, covariance = axis.at(0.0)
     assert abs(point[0] - truth.source[0]) < 0.05
