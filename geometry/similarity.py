@@ -17,11 +17,6 @@ class Similarity:
     rotation: FloatArray
     translation: FloatArray
 
-    @classmethod
-    def identity(cls) -> Self:
-        """The transform that changes nothing."""
-        return cls(scale=1.0, rotation=np.eye(3), translation=np.zeros(3))
-
     def __call__(self, points: ArrayLike) -> FloatArray:
         """Transforms (..., 3) points."""
         moved = self.scale * np.asarray(points, dtype=float) @ self.rotation.T + self.translation

@@ -12,6 +12,7 @@ from detect.detection import Detection, Detector, Frames
 from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
+from geometry.npz import read_npz
 from geometry.trajectory import Trajectory
 from locate.images import FrameImages
 from locate.journal import Report
@@ -101,9 +102,7 @@ def load_points(path: Path) -> FloatArray | None:
     """(M, 3) sparse points of a reconstruction, or None where there is none."""
     if not path.exists():
         return None
-    with np.load(path, allow_pickle=False) as file:
-        points: FloatArray = file["points_in_world"]
-    return points
+    return np.asarray(read_npz(path)["points_in_world"], dtype=float)
 
 
 def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import Box
+from geometry.npz import read_npz
 from locate import __version__
 from locate.export.geojson import write_geojson
 from locate.export.ply import write_plumes_ply
@@ -69,9 +70,10 @@ def plume_voxels(evidence: Path, plume_map: PlumeMap) -> FloatArray:
     """
     if not evidence.exists() or not plume_map.plumes:
         return np.zeros((0, 5))
-    with np.load(evidence, allow_pickle=False) as file:
-        llr, weight = file["llr"].astype(float), file["weight"].astype(float)
-        box = Box(low_in_world=file["low_in_world"], voxel=float(file["voxel"]), shape=llr.shape)
+    file = read_npz(evidence)
+    llr, weight = file["llr"].astype(float), file["weight"].astype(float)
+    nz, ny, nx = llr.shape
+    box = Box(low_in_world=file["low_in_world"], voxel=float(file["voxel"]), shape=(nz, ny, nx))
     seen = np.argwhere((llr > 0) & (weight > 0))
     points = box.centers_in_world(seen.astype(float))
     mean = llr[tuple(seen.T)] / weight[tuple(seen.T)]
