@@ -1,0 +1,13 @@
+"""Where every command prints, and the options they share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+out = Console()
+err = Console(stderr=True)
+
+Output = Annotated[Path, typer.Option("-o", "--output", help="The folder to write.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say what each stage does.")]

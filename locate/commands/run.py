@@ -1,0 +1,69 @@
+"""`locate run` and `locate demo`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from locate.commands.console import Output, Verbose, err, out
+from locate.config import DetectorName, RunConfig
+from locate.journal import interruptible, journal, progress_bars, silent
+
+
+def run(
+    recording: Annotated[Path, typer.Argument(help="A video file or a folder of photos.")],
+    output: Output,
+    detector: Annotated[
+        DetectorName, typer.Option(help="How refraction is seen; auto looks at the motion.")
+    ] = "auto",
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="Known poses: TUM, COLMAP model, transforms.json, trajectory.json."),
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="A JSON file with a camera block as in trajectory.json.")
+    ] = None,
+    focal: Annotated[
+        float | None, typer.Option(min=1e-6, help="Focal length in px of the recording's frames.")
+    ] = None,
+    max_frames: Annotated[int, typer.Option(min=2, help="The most frames to use.")] = 120,
+    force: Annotated[bool, typer.Option("--force", help="Do every stage again.")] = False,
+    verbose: Verbose = False,
+) -> None:
+    """Turn a recording into a 3D plume map."""
+    config = RunConfig(
+        recording=recording,
+        detector=detector,
+        poses=poses,
+        camera=camera,
+        focal_px=focal,
+        max_frames=max_frames,
+    )
+    _run(config, output, force=force, verbose=verbose)
+
+
+def demo(
+    output: Output = Path("out/demo"),
+    force: Annotated[bool, typer.Option("--force", help="Do every stage again.")] = False,
+    verbose: Verbose = False,
+) -> None:
+    """Run on the bundled sample: a simulated hot leak on a pipe rack, seen from an orbit."""
+    from locate.sample import SAMPLE_VIDEO
+
+    _run(RunConfig(recording=SAMPLE_VIDEO), output, force=force, verbose=verbose)
+
+
+def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None:
+    from locate.export.table import map_table
+    from locate.pipeline import Run
+
+    with interruptible(), progress_bars(err) as report:
+        job = Run(config, output, force=force, report=silent if verbose else report)
+        with journal(output / "log.jsonl", console=err if verbose else None):
+            plume_map = job.run()
+    found = plume_map.plumes or plume_map.bearings
+    out.print(map_table(plume_map) if found else plume_map.limit_text())
+    for note in plume_map.notes:
+        out.print(f"- {note}")
+    out.print(f"\nReport: {output / 'report.html'}", soft_wrap=True)
+    out.print(f"Map:    {output / 'map.json'}", soft_wrap=True)
