@@ -2,6 +2,7 @@
 
 import json
 import logging
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,11 +70,17 @@ def journal(path: Path, *, console: Console | None = None) -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Turns Ctrl-C into one line that says how to go on."""
+    """Turns Ctrl-C and SIGTERM into one line that says how to go on.
+
+    Enter it after pycolmap was imported, which answers SIGTERM with a stack trace of its own.
+    """
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; the same command goes on from here") from None
+    finally:
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
 
 
 @contextmanager

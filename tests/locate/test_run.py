@@ -162,7 +162,8 @@ def test_usage_error_is_no_traceback() -> None:
     assert "guess" in result.stderr
 
 
-def test_interrupt_says_how_to_go_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_says_how_to_go_on(tmp_path: Path, how: signal.Signals) -> None:
     process = subprocess.Popen(
         command("run", SAMPLE_VIDEO, "-o", tmp_path / "out", "--max-frames", FRAMES),
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
@@ -170,11 +171,12 @@ def test_interrupt_says_how_to_go_on(tmp_path: Path) -> None:
     while not stage_has_begun(tmp_path / "out" / "log.jsonl", "frames"):
         assert process.poll() is None
         time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(how)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "the same command goes on" in stderr
+    assert stderr.strip().splitlines()[-1].endswith("the same command goes on from here")
     assert "Traceback" not in stderr
+    assert "SIGTERM" not in stderr
 
 
 def test_mistyped_recording_does_not_spoil_the_folder(tmp_path: Path) -> None:
