@@ -23,6 +23,7 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/fusion_geometry.py
 	$(BIN)/python benchmarks/orbit_scenes.py
 	$(BIN)/python benchmarks/sfm_real.py
+	$(BIN)/python benchmarks/telemetry_offset.py
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check

@@ -1,0 +1,79 @@
+"""Reading files that may be hostile: limits on size, and one line for whatever goes wrong."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+from geometry.errors import BadInputError, LocateError
+
+MAX_TEXT_BYTES = 64 * 2**20
+MAX_TEXT_LINES = 2_000_000
+MAX_LOG_BYTES = 256 * 2**20
+
+
+def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
+    """The text of a file in UTF-8 or UTF-16; undecodable bytes become U+FFFD.
+
+    Raises:
+        BadInputError: The file cannot be read, or is longer than `limit` bytes or 2,000,000 lines.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(limit + 1)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+    if len(content) > limit:
+        raise BadInputError(
+            f"{path}: telemetry text over {limit // 2**20} MiB is not read; cut out this flight"
+        )
+    if content.count(b"\n") > MAX_TEXT_LINES:
+        raise BadInputError(
+            f"{path}: telemetry of over {MAX_TEXT_LINES} lines is not read; cut out this flight"
+        )
+    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return content.decode("utf-16" if wide else "utf-8-sig", errors="replace")
+
+
+def check_size(path: Path, limit: int = MAX_LOG_BYTES) -> None:
+    """Refuses a log that would take too long to read.
+
+    Raises:
+        BadInputError: The file is longer than `limit` bytes.
+    """
+    if path.stat().st_size > limit:
+        raise BadInputError(
+            f"{path}: a log over {limit // 2**20} MiB is not read; cut out this flight"
+        )
+
+
+@contextmanager
+def refusing(path: Path, kind: str, *, extra: str = "") -> Iterator[None]:
+    """Turns whatever a foreign parser raises on a broken file into one line.
+
+    Args:
+        path: The file.
+        kind: What it was taken for.
+        extra: The extra that installs the parser, where it may be missing.
+
+    Raises:
+        BadInputError: In place of any other exception.
+    """
+    try:
+        yield
+    except LocateError:
+        raise
+    except ModuleNotFoundError as error:
+        raise BadInputError(
+            f"{path}: to read {kind} files, pip install 'plume-locate[{extra}]'"
+        ) from error
+    except Exception as error:
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise BadInputError(f"{path}: not a readable {kind} file ({reason})") from error
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Swallows what parsers print about every bad byte."""
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        yield

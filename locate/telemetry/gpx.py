@@ -1,0 +1,46 @@
+"""Tracks in GPX, the exchange format of hand-held receivers (extra ``gpx``)."""
+
+from math import nan
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import BadInputError
+from locate.telemetry.assemble import Record, columns_of, track_from_columns
+from locate.telemetry.bounded import refusing
+from locate.telemetry.track import AltitudeDatum, Clock, Track
+
+KIND = "GPX"
+MAX_POINTS, MAX_TAGS = 300_000, 2_000_000
+
+
+def looks_like_gpx(head: str) -> bool:
+    """Whether a text begins like a GPX file."""
+    return "<gpx" in head
+
+
+def parse_gpx(text: str, path: Path) -> Track:
+    """Reads all track points of a GPX file; heights are above mean sea level (GPX 1.1 schema).
+
+    Raises:
+        BadInputError: Not GPX, no points with times, over 300,000 points, or no extra.
+    """
+    if text.count("<") > MAX_TAGS or text.count("<trkpt") > MAX_POINTS:
+        raise BadInputError(f"{path}: GPX of over {MAX_POINTS} points is not read; cut it")
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise BadInputError(f"{path}: GPX with a document type or entities is not read")
+    with refusing(path, KIND, extra="gpx"):
+        import gpxpy
+
+        columns = columns_of(_record(point) for point, *_ in gpxpy.parse(text).walk())
+    return track_from_columns(
+        path, KIND, columns, datum=AltitudeDatum.MEAN_SEA_LEVEL, clock=Clock.UTC
+    )
+
+
+def _record(point: Any) -> Record:
+    return {
+        "latitude_deg": point.latitude,
+        "longitude_deg": point.longitude,
+        "altitude_m": nan if point.elevation is None else point.elevation,
+        "clock_s": nan if point.time is None else point.time.timestamp(),
+    }

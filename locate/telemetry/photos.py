@@ -1,0 +1,172 @@
+"""Where photos were taken, by their own EXIF and XMP."""
+
+from collections.abc import Mapping, Sequence
+from math import hypot, isfinite, nan, sqrt
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import exifread
+
+from geometry.errors import BadInputError
+from locate.telemetry.assemble import Record, columns_of, track_from_columns
+from locate.telemetry.bounded import refusing
+from locate.telemetry.clock import parse_date_time, posix_s
+from locate.telemetry.track import AltitudeDatum, Clock, Track
+from locate.video.recording import PHOTO_SUFFIXES, natural_key
+
+KIND = "photo"
+XMP_BYTES = 2**20
+_BELOW, _ELLIPSOIDAL = (1, 3), (2, 3)  # values of GPSAltitudeRef, EXIF 3.0, table 17
+_XMP_END = b"</x:xmpmeta>"
+_XMP_COLUMNS = {
+    "GpsLatitude": "latitude_deg",
+    "GpsLongitude": "longitude_deg",
+    "GpsLongtitude": "longitude_deg",
+    "AbsoluteAltitude": "altitude_m",
+    "RelativeAltitude": "height_m",
+    "GimbalYawDegree": "gimbal_yaw_deg",
+    "GimbalPitchDegree": "gimbal_pitch_deg",
+    "GimbalRollDegree": "gimbal_roll_deg",
+    "FlightYawDegree": "vehicle_yaw_deg",
+    "FlightPitchDegree": "vehicle_pitch_deg",
+    "FlightRollDegree": "vehicle_roll_deg",
+    "RtkStdHgt": "vertical_sigma_m",
+}
+
+
+def read_photos(path: Path) -> Track:
+    """Reads EXIF and DJI's XMP of one photo, or of all photos of a folder.
+
+    A photo whose metadata cannot be read is one without a position. Altitudes count from mean
+    sea level as EXIF defines, or from the ellipsoid where EXIF 3.0 or DJI (``RtkAlt``) says so.
+
+    Raises:
+        BadInputError: No photos, or none that says where it was taken.
+    """
+    if not path.is_dir():
+        return _track(path, [path], [_read_photo(path)])
+    with refusing(path, "photo folder"):
+        entries = [entry for entry in path.iterdir() if entry.suffix.lower() in PHOTO_SUFFIXES]
+    photos = sorted(entries, key=natural_key)
+    if not photos:
+        raise BadInputError(f"{path}: no photos in this folder")
+    return _track(path, photos, [_read_or_nothing(photo) for photo in photos])
+
+
+def _track(path: Path, photos: Sequence[Path], records: Sequence[Record]) -> Track:
+    in_utc = any("utc_s" in record for record in records)
+    for record in records:
+        record["clock_s"] = record.get("utc_s" if in_utc else "local_s", nan)
+    ellipsoidal = {record["ellipsoidal"] for record in records if "altitude_m" in record}
+    datum = AltitudeDatum.ELLIPSOID if ellipsoidal == {1.0} else AltitudeDatum.MEAN_SEA_LEVEL
+    return track_from_columns(
+        path,
+        KIND,
+        columns_of(records),
+        datum=AltitudeDatum.UNKNOWN if len(ellipsoidal) > 1 else datum,
+        clock=Clock.UTC if in_utc else Clock.LOCAL,
+        names=[photo.name for photo in photos],
+    )
+
+
+def _read_or_nothing(photo: Path) -> Record:
+    try:
+        return _read_photo(photo)
+    except BadInputError:
+        return {}
+
+
+def _read_photo(photo: Path) -> Record:
+    with refusing(photo, KIND), photo.open("rb") as file:
+        header = file.read(XMP_BYTES)
+        file.seek(0)
+        tags = exifread.process_file(file, details=False, extract_thumbnail=False)
+    xmp, exif = _xmp_record(header), _exif_record(tags)
+    ellipsoidal = max(xmp.get("ellipsoidal", 0.0), exif["ellipsoidal"])
+    return xmp | exif | {"ellipsoidal": ellipsoidal}
+
+
+def _exif_record(tags: Mapping[str, Any]) -> Record:
+    values = {name: getattr(tag, "values", None) for name, tag in tags.items()}
+    record: Record = {}
+    if str(values.get("GPS GPSStatus", "A")).strip("\0 ") != "V":  # V: no fix, an old position
+        record["latitude_deg"] = _degrees(values, "GPS GPSLatitude", "S")
+        record["longitude_deg"] = _degrees(values, "GPS GPSLongitude", "W")
+    altitude_m, (reference,) = (
+        _floats(values, "GPS GPSAltitude", 1)[0],
+        _floats(values, "GPS GPSAltitudeRef", 1),
+    )
+    record["altitude_m"] = -altitude_m if reference in _BELOW else altitude_m
+    record["horizontal_sigma_m"] = _floats(values, "GPS Tag 0x001F", 1)[0]
+    record = {key: value for key, value in record.items() if isfinite(value)}
+    record["ellipsoidal"] = float(reference in _ELLIPSOIDAL)
+    return record | _clocks(values)
+
+
+def _clocks(values: Mapping[str, Any]) -> Record:
+    record: Record = {}
+    day = str(values.get("GPS GPSDate", "")).strip("\0 ").replace("-", ":").split(":")
+    hour, minute, second = _floats(values, "GPS GPSTimeStamp", 3)
+    if len(day) == 3 and all(part.isdecimal() for part in day) and isfinite(hour + minute + second):
+        year, month, date = (int(part) for part in day)
+        record["utc_s"] = posix_s(year, month, date, int(hour), int(minute), second)
+    stamp, fraction, zone = (
+        str(values.get(f"EXIF {name}", "")).strip("\0 ")
+        for name in ("DateTimeOriginal", "SubSecTimeOriginal", "OffsetTimeOriginal")
+    )
+    taken_s, zoned = parse_date_time(f"{stamp}.{fraction}{zone}" if fraction else stamp + zone)
+    return {"utc_s" if zoned else "local_s": taken_s} | record
+
+
+def _xmp_record(header: bytes) -> Record:
+    """The values of DJI's XMP, which stand in attributes or in elements.
+
+    What is parsed begins at the first element, so no document type can define an entity.
+    """
+    start, end = header.find(b"<x:xmpmeta"), header.find(_XMP_END)
+    try:
+        elements = list(ElementTree.fromstring(header[max(start, 0) : end + len(_XMP_END)]).iter())
+    except ElementTree.ParseError:
+        return {}
+    said: dict[str, str] = {}
+    for element in elements:
+        said |= {_local(key): value for key, value in element.attrib.items()}
+        said[_local(element.tag)] = element.text or ""
+    numbers = {key: _number(value) for key, value in said.items()}
+    record = {column: numbers[key] for key, column in _XMP_COLUMNS.items() if key in numbers}
+    if "RtkStdLat" in numbers and "RtkStdLon" in numbers:
+        sigma_m = hypot(numbers["RtkStdLat"], numbers["RtkStdLon"]) / sqrt(2)
+        record["horizontal_sigma_m"] = sigma_m
+    record["ellipsoidal"] = float(said.get("AltitudeType") == "RtkAlt")
+    return {key: value for key, value in record.items() if isfinite(value)}
+
+
+def _local(tag: str) -> str:
+    return tag.rsplit("}", 1)[-1]
+
+
+def _degrees(values: Mapping[str, Any], name: str, negative: str) -> float:
+    degrees, minutes, seconds = _floats(values, name, 3)
+    size = degrees + minutes / 60 + seconds / 3600
+    return -size if str(values.get(name + "Ref", "")).strip("\0 ").upper() == negative else size
+
+
+def _floats(values: Mapping[str, Any], name: str, count: int) -> list[float]:
+    """`count` numbers of a tag; NaN where it has fewer, or a ratio over 0."""
+    found = values.get(name)
+    numbers = list(found)[:count] if isinstance(found, Sequence) else []
+    numbers += [None] * (count - len(numbers))
+    return [_ratio(number) for number in numbers]
+
+
+def _ratio(number: object) -> float:
+    over = getattr(number, "den", 1)
+    return float(getattr(number, "num", number)) / over if number is not None and over else nan  # type: ignore[arg-type]
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return nan

@@ -1,0 +1,107 @@
+"""Which parser a file of telemetry is for, told from its content."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+from geometry.errors import BadInputError
+from locate.telemetry import ardupilot, dji_mrk, dji_srt, gpx, odm, table, ulog
+from locate.telemetry.bounded import read_text
+from locate.telemetry.photos import read_photos
+from locate.telemetry.subtitles import read_subtitles
+from locate.telemetry.track import Track
+
+HEAD_BYTES = 4096
+SIDECARS = (".srt", ".gpx", ".csv", ".ulg", ".bin", ".tlog", ".txt")
+
+_Text: TypeAlias = tuple[Callable[[str], bool], Callable[[str, Path], Track]]
+_TEXTS: tuple[_Text, ...] = (
+    (gpx.looks_like_gpx, gpx.parse_gpx),
+    (dji_mrk.looks_like_mrk, dji_mrk.parse_mrk),
+    (odm.looks_like_odm, odm.parse_geo),
+    (table.looks_like_table, table.parse_table),
+    (dji_srt.looks_like_srt, dji_srt.parse_srt),
+)
+_BINARIES: tuple[tuple[bytes, Callable[[Path], Track]], ...] = (
+    (ulog.MAGIC, ulog.read_ulog),
+    (ardupilot.BIN_MAGIC, ardupilot.read_bin),
+    (b"\xff\xd8\xff", read_photos),
+    (b"\x89PNG", read_photos),
+    (b"II*\x00", read_photos),
+    (b"MM\x00*", read_photos),
+)
+
+
+def read_telemetry(path: Path) -> Track:
+    """Reads where a camera was from a log, a table, a video's subtitles or photos.
+
+    Args:
+        path: A DJI .SRT or .mrk, GPX, a table (CSV, exiftool, Airdata, senseFly geoinfo), an ODM
+            geo.txt, a PX4 or ArduPilot log, a video with a subtitle track, a photo, or a folder of
+            photos. The content decides, not the suffix.
+
+    Raises:
+        BadInputError: Nothing there, nothing that is known, or nothing in it says where.
+    """
+    if not path.exists():
+        raise BadInputError(f"{path}: no such file or folder")
+    if path.is_dir():
+        return read_photos(path)
+    if not path.is_file():
+        raise BadInputError(f"{path}: is no file")
+    head = _head(path)
+    if not head.strip():
+        raise BadInputError(f"{path}: is empty")
+    for magic, read in _BINARIES:
+        if head.startswith(magic):
+            return read(path)
+    if ardupilot.looks_like_tlog(head):
+        return ardupilot.read_tlog(path)
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return read_photos(path)
+    if b"\0" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return read_subtitles(path)
+    return _read_text(path)
+
+
+def find_telemetry(recording: Path) -> tuple[Track | None, tuple[str, ...]]:
+    """The telemetry that comes with a recording.
+
+    A folder of photos has it in the photos, a video in its subtitle track or in a file of the same
+    name beside it (``DJI_0001.SRT`` for ``DJI_0001.MP4``).
+
+    Returns:
+        The first that can be read, or None, and why each one before was refused.
+    """
+    refusals: list[str] = []
+    for path in (recording, *([] if recording.is_dir() else _sidecars(recording))):
+        try:
+            return read_telemetry(path), tuple(refusals)
+        except BadInputError as error:
+            refusals.append(str(error))
+    return None, tuple(refusals)
+
+
+def _sidecars(video: Path) -> list[Path]:
+    by_name = {path.name.lower(): path for path in video.parent.iterdir()}
+    names = [video.stem.lower() + suffix for suffix in SIDECARS]
+    return [by_name[name] for name in names if name in by_name]
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _read_text(path: Path) -> Track:
+    text = read_text(path)
+    for looks_like, parse in _TEXTS:
+        if looks_like(text[:HEAD_BYTES]):
+            return parse(text, path)
+    raise BadInputError(
+        f"{path}: no telemetry is recognised in it; expected a DJI .SRT or .mrk, GPX, a table with "
+        "latitude and longitude, an ODM geo.txt, an autopilot log, a video or photos"
+    )

@@ -1,0 +1,46 @@
+"""Telemetry in the subtitle track of the video itself."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import av
+from av.stream import Discard
+
+from geometry.errors import BadInputError
+from locate.telemetry.bounded import MAX_TEXT_BYTES, refusing
+from locate.telemetry.dji_srt import track_of_cues
+from locate.telemetry.track import Track
+
+KIND = "video subtitle"
+
+
+def read_subtitles(path: Path) -> Track:
+    """Reads the first subtitle track of a video; times are those of its frames.
+
+    Raises:
+        BadInputError: Not a readable video, no text subtitles, or none that holds a position.
+    """
+    with refusing(path, "video"), av.open(str(path)) as container:
+        if not container.streams.subtitles:
+            raise BadInputError(
+                f"{path}: no telemetry inside this video; give a .SRT, GPX, CSV or log beside it"
+            )
+        return track_of_cues(_cues(path, container), path, KIND)
+
+
+def _cues(path: Path, container: "av.container.InputContainer") -> Iterator[tuple[float, str]]:
+    stream = container.streams.subtitles[0]
+    for other in container.streams:
+        if other.index != stream.index:
+            other.discard = Discard.all  # so that gigabytes of images are not read
+    left = MAX_TEXT_BYTES
+    for packet in container.demux(stream):
+        content = bytes(packet)
+        if packet.pts is None or not content:
+            continue
+        left -= len(content)
+        if left < 0:
+            raise BadInputError(f"{path}: its subtitle track is over {MAX_TEXT_BYTES // 2**20} MiB")
+        if stream.codec_context.name == "mov_text":  # two bytes of length, 3GPP TS 26.245
+            content = content[2 : 2 + int.from_bytes(content[:2], "big")]
+        yield float(packet.pts * packet.time_base), content.decode("utf-8", errors="replace")
