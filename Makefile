@@ -1,13 +1,15 @@
 VENV ?= .venv
+PHOTOS ?= ../shared/data/3_backgrounds
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test bench lint clean
+.PHONY: help demo test bench train lint clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
 	@echo "make bench   the slow tests and the benchmarks: hours"
+	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR"
 	@echo "make lint    ruff, mypy and import-linter only"
 
 demo: $(VENV)/runtime.stamp
@@ -24,6 +26,13 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/orbit_scenes.py
 	$(BIN)/python benchmarks/sfm_real.py
 	$(BIN)/python benchmarks/telemetry_offset.py
+	$(BIN)/python benchmarks/flow_comparison.py
+	$(BIN)/python benchmarks/bos_pairs.py
+
+train: $(VENV)/dev.stamp
+	mkdir -p build/data
+	ln -sfn $(abspath $(PHOTOS)) build/data/photos
+	$(BIN)/locate train detect/dybs/training/lite_fast.yaml -o build/lite_fast --data build/data
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check

@@ -6,9 +6,9 @@ import numpy as np
 
 from detect.detection import Detection, Frames
 from detect.evidence import displacement_evidence
-from detect.flow import flow_method
+from detect.flow import Flow, flow_method
 from detect.warp import blur, gradients, pixel_grid, sample, structure_tensor
-from geometry.arrays import FloatMap, GreyImage
+from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.errors import BadInputError
 
 WINDOW_PX = 4.0
@@ -58,10 +58,8 @@ class BosDetector:
                 f"frame {index} is {image.shape}, the reference {reference.shape}: "
                 "they must be of one size"
             )
-        displacement = self._flow(reference, image)
-        gx, gy = gradients(blur(reference.astype(np.float32), 0.7))
-        texture = blur(gx * gx + gy * gy, WINDOW_PX)
-        displacement = displacement - median_bias(displacement, texture)
+        texture = texture_of(reference)
+        displacement, _ = unbiased_flow(self._flow, reference, image, texture)
         sigma_px = flow_sigma(reference, image, displacement)
         llr, sigma_px = displacement_evidence(
             displacement, sigma_px, texture, np.ones_like(texture), largest_scale=LARGEST_SCALE
@@ -90,6 +88,26 @@ def temporal_median(images: Sequence[GreyImage], most: int) -> GreyImage:
     rows = np.unique(np.linspace(0, len(images) - 1, min(most, len(images))).round().astype(int))
     median = np.median([images[row] for row in rows], axis=0)
     return np.asarray(median.round(), dtype=np.uint8)
+
+
+def mean_reference(images: Sequence[GreyImage]) -> GreyImage:
+    """(H, W) uint8 mean of frames without plume; the noise of N of them falls by sqrt(N)."""
+    return np.asarray(np.mean(images, axis=0, dtype=np.float32).round(), dtype=np.uint8)
+
+
+def texture_of(reference: GreyImage) -> FloatMap:
+    """(H, W) mean squared gradient round every pixel, (grey levels per px) squared."""
+    gx, gy = gradients(blur(reference.astype(np.float32), 0.7))
+    return blur(gx * gx + gy * gy, WINDOW_PX)
+
+
+def unbiased_flow(
+    flow: Flow, reference: GreyImage, image: GreyImage, texture: FloatMap
+) -> tuple[FloatMap, FloatArray]:
+    """(H, W, 2) flow without its median in each direction, px, and (2,) that median."""
+    displacement = flow(reference, image)
+    bias_px = median_bias(displacement, texture)
+    return np.asarray(displacement - bias_px, dtype=np.float32), bias_px.astype(float)
 
 
 def median_bias(displacement: FloatMap, texture: FloatMap) -> FloatMap:

@@ -10,6 +10,7 @@ from geometry.arrays import FloatMap, GreyImage
 
 COARSEST_SIDE_PX = 48
 PRESMOOTHING_PX = 0.7
+LASTING_TEXTURE = 0.5
 
 Step = Callable[[FloatMap, FloatMap, FloatMap, FloatMap], FloatMap]
 
@@ -18,7 +19,7 @@ def horn_schunck(
     reference: GreyImage,
     image: GreyImage,
     *,
-    smoothness: float = 15.0,
+    smoothness: float = 30.0,
     iterations: int = 60,
     warps: int = 4,
 ) -> FloatMap:
@@ -41,11 +42,12 @@ def horn_schunck(
     def step(flow: FloatMap, gx: FloatMap, gy: FloatMap, difference: FloatMap) -> FloatMap:
         constant = difference - gx * flow[..., 0] - gy * flow[..., 1]
         scale = 1 / (smoothness**2 + gx * gx + gy * gy)
+        u, v = cv2.split(flow)
         for _ in range(iterations):
-            mean = cv2.filter2D(flow, -1, NEIGHBOUR_MEAN, borderType=cv2.BORDER_REPLICATE)
-            residual = (gx * mean[..., 0] + gy * mean[..., 1] + constant) * scale
-            flow = mean - np.stack([gx * residual, gy * residual], axis=-1)
-        return flow
+            mean_u, mean_v = (_neighbour_mean(component) for component in (u, v))
+            residual = (gx * mean_u + gy * mean_v + constant) * scale
+            u, v = mean_u - gx * residual, mean_v - gy * residual
+        return np.asarray(cv2.merge([u, v]))
 
     return _coarse_to_fine(reference, image, step, warps)
 
@@ -94,10 +96,12 @@ def window_shift(
 NEIGHBOUR_MEAN = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], dtype=np.float32) / 12
 
 
+def _neighbour_mean(component: FloatMap) -> FloatMap:
+    return np.asarray(cv2.filter2D(component, -1, NEIGHBOUR_MEAN, borderType=cv2.BORDER_REPLICATE))
+
+
 def _coarse_to_fine(reference: GreyImage, image: GreyImage, step: Step, warps: int) -> FloatMap:
-    pairs = [(_smooth(reference), _smooth(image))]
-    while min(pairs[-1][0].shape) > 2 * COARSEST_SIDE_PX:
-        pairs.append((cv2.pyrDown(pairs[-1][0]), cv2.pyrDown(pairs[-1][1])))
+    pairs = _pyramid(_smooth(reference), _smooth(image))
     flow = np.zeros((*pairs[-1][0].shape, 2), dtype=np.float32)
     for source, target in reversed(pairs):
         height, width = target.shape
@@ -109,6 +113,26 @@ def _coarse_to_fine(reference: GreyImage, image: GreyImage, step: Step, warps: i
             gx, gy = gradients((warped + target) / 2)
             flow = step(flow, gx, gy, warped - target)
     return flow
+
+
+def _pyramid(reference: FloatMap, image: FloatMap) -> list[tuple[FloatMap, FloatMap]]:
+    """Both images halved while the texture lasts.
+
+    Of a lattice that is finer than the pixels of a level only aliasing is left, and its flow leads
+    whole periods astray.
+    """
+    pairs = [(reference, image)]
+    least = LASTING_TEXTURE * _steepness(reference)
+    while min(pairs[-1][0].shape) > 2 * COARSEST_SIDE_PX:
+        coarser = cv2.pyrDown(pairs[-1][0]), cv2.pyrDown(pairs[-1][1])
+        if _steepness(coarser[0]) < least:
+            break
+        pairs.append(coarser)
+    return pairs
+
+
+def _steepness(image: FloatMap) -> float:
+    return float(np.sqrt(np.mean(np.square(gradients(image)))))
 
 
 def _smooth(image: GreyImage) -> FloatMap:

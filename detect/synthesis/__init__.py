@@ -2,11 +2,12 @@
 
 from detect.synthesis.dataset import Shard, render_dataset, shards_in
 from detect.synthesis.flows import write_run
-from detect.synthesis.recipe import FAMILIES, Recipe
+from detect.synthesis.recipe import FAMILIES, SAMPLE_FAMILIES, Recipe
 from detect.synthesis.sample import Sample, Sources, make_sample, sample_at
 
 __all__ = [
     "FAMILIES",
+    "SAMPLE_FAMILIES",
     "Recipe",
     "Sample",
     "Shard",

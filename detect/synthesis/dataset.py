@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detect.synthesis.archive import open_arrays, save_arrays
-from detect.synthesis.recipe import FAMILIES, Recipe
+from detect.synthesis.recipe import FAMILIES, SAMPLE_FAMILIES, Recipe
 from detect.synthesis.sample import Sample, Sources, sample_at
 from geometry.arrays import BoolArray
 from geometry.errors import BadInputError
 
 SCHEMA = "locate.samples/1"
+INDEX_NAME = "dataset.json"
 SHARD_SAMPLES = 256
 Half = NDArray[np.float16]
 
@@ -32,7 +33,7 @@ class Shard:
         images: (N, H, W) uint8.
         displacements: (N, H, W, 2) float16, px.
         masks: (N, H, W).
-        families: (N,) index into `FAMILIES`.
+        families: (N,) index into `SAMPLE_FAMILIES`.
     """
 
     images: NDArray[np.uint8]
@@ -47,7 +48,7 @@ class Shard:
             images=np.stack([sample.image for sample in samples]),
             displacements=np.stack([s.displacement for s in samples]).astype(np.float16),
             masks=np.stack([sample.mask for sample in samples]),
-            families=np.array([FAMILIES.index(s.family) for s in samples], dtype=np.uint8),
+            families=np.array([SAMPLE_FAMILIES.index(s.family) for s in samples], dtype=np.uint8),
         )
 
     def __len__(self) -> int:
@@ -59,17 +60,18 @@ class Shard:
             image=self.images[i],
             displacement=self.displacements[i].astype(np.float32),
             mask=self.masks[i],
-            family=FAMILIES[self.families[i]],
+            family=SAMPLE_FAMILIES[self.families[i]],
         )
 
-    def save(self, path: Path) -> None:
-        """Writes all or nothing."""
+    def save(self, path: Path, **more: np.ndarray) -> None:
+        """Writes all or nothing; arrays named in `more` go with it, and `load` leaves them out."""
         save_arrays(
             path,
             images=self.images,
             displacements=self.displacements,
             masks=np.packbits(self.masks, axis=-1),
             families=self.families,
+            **more,
         )
 
     @classmethod
@@ -131,7 +133,7 @@ def shards_in(folder: Path) -> Iterator[Shard]:
     Raises:
         BadInputError: The folder holds no samples, or a broken shard.
     """
-    _read_index(folder)
+    read_index(folder)
     for path in sorted(folder.glob("shard_*.npz")):
         yield Shard.load(path)
 
@@ -151,7 +153,7 @@ def _length(path: Path) -> int:
 
 
 def _claim(folder: Path, recipe: Recipe, sources: Sources) -> None:
-    """Writes dataset.json, or checks that the folder's own says the same."""
+    """Writes the index, or checks that the folder's own says the same."""
     index = {
         "schema": SCHEMA,
         "recipe": recipe.to_plain(),
@@ -159,11 +161,19 @@ def _claim(folder: Path, recipe: Recipe, sources: Sources) -> None:
         "runs": [path.name for path in sources.runs],
         "families": list(FAMILIES),
     }
-    path = folder / "dataset.json"
-    if path.exists():
-        if _read_index(folder) != index:
-            raise BadInputError(f"{folder}: holds samples of another recipe, name a new folder")
-        return
+    if not (folder / INDEX_NAME).exists():
+        write_index(folder, index)
+    elif read_index(folder) != index:
+        raise BadInputError(f"{folder}: holds samples of another recipe, name a new folder")
+
+
+def write_index(folder: Path, index: dict[str, Any]) -> None:
+    """Writes FOLDER/dataset.json, all or nothing; the folder is made where it is missing.
+
+    Raises:
+        BadInputError: It cannot be written.
+    """
+    path = folder / INDEX_NAME
     try:
         folder.mkdir(parents=True, exist_ok=True)
         unfinished = path.with_suffix(".partial")
@@ -173,8 +183,13 @@ def _claim(folder: Path, recipe: Recipe, sources: Sources) -> None:
         raise BadInputError(f"{folder}: cannot be written ({error})") from error
 
 
-def _read_index(folder: Path) -> dict[str, Any]:
-    path = folder / "dataset.json"
+def read_index(folder: Path) -> dict[str, Any]:
+    """What dataset.json says.
+
+    Raises:
+        BadInputError: It is missing, broken or of another schema.
+    """
+    path = folder / INDEX_NAME
     try:
         index = json.loads(path.read_text())
     except (OSError, ValueError) as error:

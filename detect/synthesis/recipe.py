@@ -12,6 +12,9 @@ from geometry.errors import BadInputError
 
 Family = Literal["sinusoid", "checkerboard", "lines", "perlin", "squares", "scene", "photo"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
+SampleFamily = Literal[Family, "recorded"]
+SAMPLE_FAMILIES: tuple[SampleFamily, ...] = get_args(SampleFamily)
+"""What can be drawn, and what a camera recorded; the numbers in a shard count through these."""
 Range = tuple[float, float]
 
 

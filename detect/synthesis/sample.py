@@ -17,7 +17,7 @@ from detect.synthesis.patterns import (
 )
 from detect.synthesis.placement import Placement
 from detect.synthesis.raster import as_background, canvas_side, perlin, photo, photos_in, squares
-from detect.synthesis.recipe import Family, Range, Recipe
+from detect.synthesis.recipe import Family, Range, Recipe, SampleFamily
 from detect.synthesis.scenes import man_made_scene
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 
@@ -31,13 +31,13 @@ class Sample:
         displacement: (H, W, 2) px, x right, y down: pixel p shows the background that would stand
             at p + displacement(p) without the plume; the mean over the exposure.
         mask: (H, W) true where the displacement is above the recipe's `visible_px`.
-        family: The kind of background.
+        family: The kind of background, or "recorded".
     """
 
     image: GreyImage
     displacement: FloatMap
     mask: BoolArray
-    family: Family
+    family: SampleFamily
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,13 +87,30 @@ def make_sample(rng: np.random.Generator, recipe: Recipe, sources: Sources) -> S
     weights = np.array([recipe.families[family] for family in names])
     family = names[int(rng.choice(len(names), p=weights / weights.sum()))]
     background = draw_background(family, rng, recipe, sources)
+    return seen_through_plume(background, family, rng, recipe, sources)
+
+
+def seen_through_plume(
+    background: Background,
+    family: Family,
+    rng: np.random.Generator,
+    recipe: Recipe,
+    sources: Sources,
+    *,
+    shift_px: float = 0.5,
+) -> Sample:
+    """A picture of this background, of that family, as `make_sample` takes it.
+
+    With or without a plume it is moved by up to `shift_px` along both axes.
+    """
     exposures = int(rng.integers(1, recipe.exposures + 1))
     if rng.random() < recipe.negatives_of.get(family, recipe.negatives):
         side = recipe.size_px + 2 * MARGIN_PX
         warps = [np.zeros((side, side, 2), np.float32)] * exposures
     else:
         warps = _draw_warps(rng, recipe, sources, exposures)
-    image = expose(background, warps, rng.uniform(-0.5, 0.5, 2), _draw_optics(rng, recipe), rng)
+    shift = rng.uniform(-shift_px, shift_px, 2)
+    image = expose(background, warps, shift, _draw_optics(rng, recipe), rng)
     inside = slice(MARGIN_PX, -MARGIN_PX)
     displacement = np.asarray(np.mean(warps, axis=0, dtype=np.float32))[inside, inside]
     mask = np.linalg.norm(displacement, axis=-1) > recipe.visible_px

@@ -11,7 +11,12 @@ RUNS_IN_TURN: tuple[Split, ...] = (*("train",) * 8, "validation", "test")
 
 def split_of_photo(path: Path) -> Split:
     """The split of a photo, by its name alone: the same in every folder and every format."""
-    digest = hashlib.sha256(path.stem.encode()).digest()
+    return split_of_name(path.stem)
+
+
+def split_of_name(name: str) -> Split:
+    """The split of whatever bears that name."""
+    digest = hashlib.sha256(name.encode()).digest()
     place = int.from_bytes(digest[:8], "big") / 2**64
     if place < TEST_SHARE:
         return "test"

@@ -1,0 +1,149 @@
+"""What makes a background-oriented recording worthless, told before it becomes training data."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Self
+
+import cv2
+import numpy as np
+
+from detect.bos import WINDOW_PX, BosDetector, texture_of
+from detect.detection import Frames
+from detect.warp import blur, pixel_grid, sample
+from geometry.arrays import FloatArray, FloatMap, GreyImage
+
+BLOCK_PX = 32
+DARK = 8.0
+MOST_LIGHT = 0.005
+MOST_SHIFT_PX = 1.0
+MOST_RIGID_PX = 0.05
+THINNING, ITERATIONS, SMALL_PX = 4, 15, 0.01
+UNEXPLAINED = 12.0
+MOST_UNEXPLAINED_SHARE = 0.1
+CLIPPED = (1, 254)
+MOST_CLIPPED_SHARE = 0.1
+LEAST_TEXTURE = 4.0
+LEAST_TEXTURED_SHARE = 0.25
+MOST_PLUME_SHARE = 0.005
+REFERENCE_FRAMES_SEEN = 9
+
+
+class Fault(Enum):
+    """What is wrong with a recording; the value says it, with what to do."""
+
+    LIGHT = "the illumination changed: lock exposure, gain and lamps"
+    MOVED = "the camera or the background moved: fix both, record the reference anew"
+    INTRUDED = "the scene is not that of the reference: keep people and objects out of view"
+    CLIPPED = "the reference is over- or underexposed: change the exposure"
+    BLANK = "the background has too little texture: print one with `locate pattern`"
+    PLUME = "a plume stands in the reference already: record it before the heat is on"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameCheck:
+    """How far one frame is from the reference in what no plume does.
+
+    Attributes:
+        light: Relative change of brightness, in that half of the frame where it is larger.
+        shift_px: (2,) median flow, taken out of the displacement.
+        rigid_px: By how much the median size of the flow falls when the rotation, zoom and shear
+            that most of the frame shares are taken out.
+        unexplained: Share of the pixels whose surroundings the flow leaves off by 12 grey levels.
+    """
+
+    light: float
+    shift_px: tuple[float, float]
+    rigid_px: float
+    unexplained: float
+
+    @classmethod
+    def of(
+        cls,
+        reference: GreyImage,
+        image: GreyImage,
+        displacement: FloatMap,
+        shift_px: FloatArray,
+        texture: FloatMap,
+    ) -> Self:
+        """Compares a frame with its reference.
+
+        Args:
+            reference: (H, W).
+            image: (H, W).
+            displacement: (H, W, 2) px, without `shift_px`.
+            shift_px: (2,).
+            texture: (H, W) of the reference, `detect.bos.texture_of`.
+        """
+        grid = pixel_grid(image.shape) + shift_px.astype(np.float32)
+        leftover = blur((image - sample(reference, grid + displacement)) ** 2, WINDOW_PX)
+        return cls(
+            light=_relative_light(sample(reference, grid), image),
+            shift_px=(float(shift_px[0]), float(shift_px[1])),
+            rigid_px=_rigid_part(displacement, texture),
+            unexplained=float((leftover > UNEXPLAINED**2).mean()),
+        )
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the frame cannot serve, None where it can."""
+        if max(map(abs, self.shift_px)) > MOST_SHIFT_PX or self.rigid_px > MOST_RIGID_PX:
+            return Fault.MOVED
+        if self.light > MOST_LIGHT:
+            return Fault.LIGHT
+        return Fault.INTRUDED if self.unexplained > MOST_UNEXPLAINED_SHARE else None
+
+
+def reference_fault(reference: GreyImage, images: Sequence[GreyImage] = ()) -> Fault | None:
+    """Why nothing can be measured against this reference, None where it serves.
+
+    A plume that never moves is part of the background for all that can be seen, and passes.
+
+    Args:
+        reference: (H, W).
+        images: The frames whose mean it is; none where it came from a file.
+    """
+    darkest, brightest = CLIPPED
+    if ((reference <= darkest) | (reference >= brightest)).mean() > MOST_CLIPPED_SHARE:
+        return Fault.CLIPPED
+    if (texture_of(reference) > LEAST_TEXTURE).mean() < LEAST_TEXTURED_SHARE:
+        return Fault.BLANK
+    return Fault.PLUME if _plume_share(reference, images) > MOST_PLUME_SHARE else None
+
+
+def _plume_share(reference: GreyImage, images: Sequence[GreyImage]) -> float:
+    """Share of the pixels where the frames together speak for a plume rather than against."""
+    if not images:
+        return 0.0
+    frames, detector = Frames(images=images), BosDetector(reference=reference)
+    count = min(REFERENCE_FRAMES_SEEN, len(images))
+    rows = np.linspace(0, len(images) - 1, count).round().astype(int)
+    llr = np.mean([detector.detect(frames, int(row)).llr for row in rows], axis=0)
+    return float((llr > 0).mean())
+
+
+def _relative_light(reference: FloatMap, image: GreyImage) -> float:
+    height, width = (max(2, side // BLOCK_PX) for side in reference.shape)
+    before, after = (
+        cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA)
+        for part in (reference, image.astype(np.float32))
+    )
+    change = (after - before) / np.maximum(before, DARK)
+    rows, columns = np.array_split(change, 2), np.array_split(change, 2, axis=1)
+    return float(max(abs(np.median(half)) for half in (*rows, *columns)))
+
+
+def _rigid_part(displacement: FloatMap, texture: FloatMap) -> float:
+    """Least absolute deviations from an affine flow, by iterated weights."""
+    thinned = texture[::THINNING, ::THINNING]
+    textured = thinned >= np.median(thinned)
+    places = pixel_grid(texture.shape)[::THINNING, ::THINNING][textured] / max(texture.shape)
+    flow = displacement[::THINNING, ::THINNING][textured].astype(float)
+    design = np.column_stack([np.ones(len(places)), places])
+    size = np.linalg.norm(flow, axis=1)
+    left = size
+    for _ in range(ITERATIONS):
+        weight = np.sqrt(1 / np.maximum(left, SMALL_PX))[:, None]
+        fit = np.linalg.lstsq(design * weight, flow * weight, rcond=None)[0]
+        left = np.linalg.norm(flow - design @ fit, axis=1)
+    return float(np.median(size) - np.median(left))

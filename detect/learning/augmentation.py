@@ -1,0 +1,51 @@
+"""What is done to a sample before it is shown; nothing that resamples."""
+
+import numpy as np
+
+from detect.learning.config import Augmentation
+from geometry.arrays import FloatMap
+
+SYMMETRIES = {"all": 8, "flips": 4, "mirror": 2, "none": 1}
+
+
+def augment(
+    image: FloatMap,
+    displacement: FloatMap,
+    family: str,
+    how: Augmentation,
+    random: np.random.Generator,
+) -> tuple[FloatMap, FloatMap]:
+    """Turns, flips, inverts and dims a sample; see `Augmentation`.
+
+    Args:
+        image: (C, H, W).
+        displacement: (2, H, W).
+        family: Of the sample.
+        how: What may happen.
+        random: Decides.
+    """
+    symmetry = int(random.integers(SYMMETRIES[how.symmetries]))
+    image = turn(image, symmetry, how.vectors)
+    displacement = turn(displacement, symmetry, ((0, 1),))
+    if random.random() < 0.5 and family in how.invert:
+        image = 1 - image
+    return image * np.float32(random.uniform(*how.gain)), displacement
+
+
+def turn(planes: FloatMap, symmetry: int, vectors: tuple[tuple[int, int], ...]) -> FloatMap:
+    """One of the 8 symmetries of the square; vectors turn with the image.
+
+    Args:
+        planes: (C, H, W).
+        symmetry: Bit 0 mirrors left and right, bit 1 up and down, bit 2 swaps x and y.
+        vectors: Pairs of planes that are x and y of a vector.
+    """
+    turned = planes[:, :: -1 if symmetry & 2 else 1, :: -1 if symmetry & 1 else 1].copy()
+    for x, y in vectors:
+        turned[x] *= -1 if symmetry & 1 else 1
+        turned[y] *= -1 if symmetry & 2 else 1
+    if symmetry & 4:
+        turned = np.ascontiguousarray(turned.transpose(0, 2, 1))
+        for x, y in vectors:
+            turned[[x, y]] = turned[[y, x]]
+    return turned

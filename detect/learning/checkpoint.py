@@ -1,0 +1,87 @@
+"""What a training leaves on disk: checkpoints, each whole or not there, and a journal."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from geometry.errors import BadInputError
+
+SCHEMA = "locate.training/1"
+JOURNAL = "journal.jsonl"
+
+
+def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes tensors and plain values under a temporary name, then renames it.
+
+    Raises:
+        BadInputError: The file cannot be written.
+    """
+    unfinished = path.with_suffix(".partial")
+    try:
+        torch.save({"schema": SCHEMA, **content}, unfinished)
+        unfinished.replace(path)
+    except (OSError, RuntimeError) as error:
+        raise BadInputError(f"{path}: cannot be written ({error})") from error
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """What `write_checkpoint` wrote; nothing in it is run.
+
+    Raises:
+        BadInputError: The file is missing, broken, or something else.
+    """
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:
+        line = str(error).splitlines()[0]
+        raise BadInputError(f"{path}: not a readable checkpoint ({line})") from error
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise BadInputError(f"{path}: not a checkpoint of schema {SCHEMA}")
+    return content
+
+
+def load_weights(network: nn.Module, content: Mapping[str, Any], path: Path) -> None:
+    """Puts a checkpoint's weights into a network.
+
+    Raises:
+        BadInputError: It is of another network.
+    """
+    try:
+        network.load_state_dict(content["network"])
+    except RuntimeError as error:
+        raise BadInputError(f"{path}: weights of another network than the config's") from error
+
+
+def note(folder: Path, line: Mapping[str, Any]) -> None:
+    """Adds a line to the journal of a training."""
+    with (folder / JOURNAL).open("a") as file:
+        file.write(json.dumps(line) + "\n")
+
+
+def read_journal(folder: Path) -> list[dict[str, Any]]:
+    """The lines of a training's journal; a torn last line is left out."""
+    lines = []
+    for text in (folder / JOURNAL).read_text().splitlines():
+        try:
+            lines.append(json.loads(text))
+        except ValueError:
+            break
+    return lines
+
+
+def rewind_journal(folder: Path, step: int) -> None:
+    """Forgets what was noted after a step: it will be noted again."""
+    if (folder / JOURNAL).exists():
+        kept = [line for line in read_journal(folder) if line["step"] <= step]
+        write_whole(folder / JOURNAL, "".join(json.dumps(line) + "\n" for line in kept))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Writes a text under a temporary name, then renames it."""
+    unfinished = path.with_suffix(".partial")
+    unfinished.write_text(text)
+    unfinished.replace(path)

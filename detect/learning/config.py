@@ -1,0 +1,263 @@
+"""What a training can be told; no torch here."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from geometry.errors import BadInputError
+
+Range = tuple[float, float]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class NetworkConfig(_Settings):
+    """Which network.
+
+    Attributes:
+        kind: ``plume`` is ours, ``paper`` the paper's.
+        channels: Of the input: 1 for grey, 3 for colour, more for features.
+        width: Channels at its finest level.
+        normalise: Whether local mean and contrast are taken out within it (``plume``).
+    """
+
+    kind: Literal["plume", "paper"] = "plume"
+    channels: int = Field(default=1, ge=1)
+    width: int = Field(default=16, ge=1)
+    normalise: bool = True
+
+
+class PoolConfig(_Settings):
+    """Where rendered samples are.
+
+    Attributes:
+        folder: As `detect.synthesis.render_dataset` writes it.
+        samples: The first so many; all that are there if left out.
+        recipe: What they are rendered from where they are missing; from where the config stands.
+    """
+
+    folder: Path
+    recipe: Path | None = None
+    samples: int | None = Field(default=None, ge=1)
+
+
+class LossConfig(_Settings):
+    """Weights of what is minimised.
+
+    Attributes:
+        charbonnier: Of the displacement's error, robust.
+        squared: Of the displacement's squared error.
+        mask: Of the mask's cross-entropy.
+        likelihood: Of the displacement's beta-NLL, which teaches the log-variance.
+    """
+
+    charbonnier: float = Field(default=1, ge=0)
+    squared: float = Field(default=0, ge=0)
+    mask: float = Field(default=1, ge=0)
+    likelihood: float = Field(default=0, ge=0)
+
+
+class Augmentation(_Settings):
+    """What is done to a sample before it is shown; nothing that resamples.
+
+    Attributes:
+        symmetries: ``all`` 8 of the square, ``flips`` along both axes, ``mirror`` left and right.
+        vectors: Pairs of input channels that are the (x, y) of a vector and turn with the image.
+        invert: Families whose brightness may be inverted.
+        gain: Factor on the brightness.
+    """
+
+    symmetries: Literal["all", "flips", "mirror", "none"] = "all"
+    vectors: tuple[tuple[int, int], ...] = ()
+    invert: tuple[str, ...] = ()
+    gain: Range = (1.0, 1.0)
+
+
+class Stage(_Settings):
+    """One part of the curriculum.
+
+    Attributes:
+        name: For the journal.
+        pools: How often samples are drawn from each pool, as weights.
+        families: How often each family is drawn, as weights; as they lie in the pool if left out.
+        steps: How many.
+        learning_rate: First and last; a cosine between.
+        cosine_steps: Of that cosine; a longer one than the stage is cut off.
+        losses: Weights of the losses.
+        least_px: Samples whose displacement stays below are left out: they drown the others.
+        augmentation: Instead of the training's own.
+    """
+
+    name: str
+    pools: dict[str, float]
+    families: dict[str, float] | None = None
+    steps: int = Field(ge=1)
+    learning_rate: Range
+    cosine_steps: int | None = Field(default=None, ge=1)
+    losses: LossConfig = LossConfig()
+    least_px: float = Field(default=0, ge=0)
+    augmentation: Augmentation | None = None
+
+
+class TrainConfig(_Settings):
+    """A training: network, data and schedule.
+
+    Attributes:
+        name: Of the network, in its metadata.
+        network: Which one.
+        pools: Rendered samples by name.
+        validation: The pool that is only looked at.
+        runs: How many simulated flows there are to render samples from.
+        stages: The curriculum.
+        batch: Samples a step.
+        crop_px: Side of a random crop; the whole sample if left out.
+        optimiser: Adam as the paper has it, or AdamW.
+        weight_decay: For AdamW.
+        positive_px: |w| above is plume.
+        negative_px: |w| below is none; in between the mask's loss looks away.
+        augmentation: What is done to samples.
+        mixed_precision: bfloat16 where it is safe.
+        seed: Of weights and batches.
+        log_every: Steps a line in the journal.
+        checkpoint_every: Steps; at most as many are lost by a kill.
+        validate_every: Steps.
+        validation_samples: The most that are looked at.
+        initial: Weights to begin with, a checkpoint.
+        trained_on: A line for the metadata: what data, under which licences.
+    """
+
+    name: str
+    network: NetworkConfig = NetworkConfig()
+    pools: dict[str, PoolConfig]
+    validation: str
+    runs: int = Field(default=32, ge=1)
+    stages: tuple[Stage, ...] = Field(min_length=1)
+    batch: int = Field(default=8, ge=1)
+    crop_px: int | None = Field(default=None, ge=16, multiple_of=16)
+    optimiser: Literal["adam", "adamw"] = "adamw"
+    weight_decay: float = Field(default=0.01, ge=0)
+    positive_px: float = Field(default=0.06, gt=0)
+    negative_px: float = Field(default=0.02, ge=0)
+    augmentation: Augmentation = Augmentation()
+    mixed_precision: bool = True
+    seed: int = Field(default=0, ge=0)
+    log_every: int = Field(default=100, ge=1)
+    checkpoint_every: int = Field(default=1000, ge=1)
+    validate_every: int = Field(default=2000, ge=1)
+    validation_samples: int = Field(default=512, ge=1)
+    initial: Path | None = None
+    trained_on: str = ""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        named = {name for stage in self.stages for name in stage.pools} | {self.validation}
+        for name in sorted(named - self.pools.keys()):
+            raise ValueError(f"pools: {name} is used and not named there")
+        for stage in self.stages:
+            for weights in (stage.pools, stage.families or {"": 1.0}):
+                if min(weights.values(), default=0) < 0 or sum(weights.values()) <= 0:
+                    raise ValueError(f"stage {stage.name}: weights must be 0 or more, one above 0")
+            losses = stage.losses
+            if self.network.kind == "paper" and (losses.mask or losses.likelihood):
+                raise ValueError(f"stage {stage.name}: the paper's network has displacement alone")
+        if self.negative_px > self.positive_px:
+            raise ValueError("negative_px lies above positive_px")
+        return self
+
+    @classmethod
+    def load(cls, path: Path, data: Path | None = None) -> Self:
+        """Reads a YAML file.
+
+        Args:
+            path: The file.
+            data: Where its folders of samples are; where the file stands if left out.
+
+        Raises:
+            BadInputError: It cannot be read, or a setting is unknown, missing or out of range.
+        """
+        try:
+            content = yaml.safe_load(path.read_text())
+            config = cls.model_validate(content)
+        except (OSError, yaml.YAMLError) as error:
+            line = str(error).splitlines()[0]
+            raise BadInputError(f"{path}: not a readable training config ({line})") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(str(part) for part in first["loc"])
+            raise BadInputError(f"{path}: {place} {first['msg']}".rstrip()) from error
+        return config._placed(path.parent if data is None else data, path.parent)
+
+    def _placed(self, data: Path, here: Path) -> Self:
+        pools = {
+            name: pool.model_copy(
+                update={
+                    "folder": data / pool.folder,
+                    "recipe": None if pool.recipe is None else here / pool.recipe,
+                }
+            )
+            for name, pool in self.pools.items()
+        }
+        initial = None if self.initial is None else here / self.initial
+        return self.model_copy(update={"pools": pools, "initial": initial})
+
+    @property
+    def steps(self) -> int:
+        """Of all stages together."""
+        return sum(stage.steps for stage in self.stages)
+
+    def starts(self) -> Iterator[tuple[int, Stage]]:
+        """Every stage with its first step."""
+        first = 0
+        for stage in self.stages:
+            yield first, stage
+            first += stage.steps
+
+    def at(self, step: int) -> tuple[int, Stage]:
+        """The stage that `step` belongs to, and its first step."""
+        return [(first, stage) for first, stage in self.starts() if first <= step][-1]
+
+    def digest(self, step: int) -> str:
+        """Says which weights stand after `step` steps.
+
+        Two configs have the same digest if they lead to the same weights there: stages to come,
+        folders' places and how often something is written down do not count.
+        """
+        plain = self.model_dump(mode="json", exclude=set(_NO_EFFECT), exclude_defaults=True)
+        plain["stages"] = [
+            stage.model_dump(mode="json", exclude_defaults=True)
+            for first, stage in self.starts()
+            if first < max(step, 1)
+        ]
+        plain["samples"] = {
+            name: self.pools[name].samples
+            for first, stage in self.starts()
+            if first < max(step, 1)
+            for name in stage.pools
+        }
+        return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
+
+    def to_plain(self) -> dict[str, Any]:
+        """The settings as JSON and YAML know them."""
+        plain: dict[str, Any] = self.model_dump(mode="json")
+        return plain
+
+
+_NO_EFFECT = (
+    "name",
+    "pools",
+    "validation",
+    "runs",
+    "stages",
+    "log_every",
+    "checkpoint_every",
+    "validate_every",
+    "validation_samples",
+    "trained_on",
+)

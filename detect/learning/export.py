@@ -1,0 +1,209 @@
+"""Networks as ONNX files, for a runtime without torch."""
+
+import json
+import logging
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import onnx
+import torch
+from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
+from onnxruntime.quantization.shape_inference import quant_pre_process
+from torch import Tensor, nn
+
+from detect.learning.checkpoint import load_weights, read_checkpoint
+from detect.learning.config import TrainConfig
+from detect.learning.networks import PaperUNet, PlumeNet, build
+from detect.learning.pools import Pool, as_input
+from detect.learning.trainer import BEST, LAST
+from geometry.errors import BadInputError
+
+SCHEMA = "locate.network/1"
+OPSET = 20
+MOST_STRIDES = 1 << 12
+KEPT_FIRST, KEPT_LAST = 2, 3
+SOME, CALIBRATION_SAMPLES, CALIBRATION_BATCH = 1024, 128, 8
+
+
+def export(config: TrainConfig, checkpoint: Path, path: Path) -> Path:
+    """Writes a checkpoint's network with its metadata; any multiple of its stride goes in.
+
+    Args:
+        config: It was trained with.
+        checkpoint: Its weights.
+        path: The .onnx file.
+
+    Raises:
+        BadInputError: The checkpoint is not readable or of another network; PATH is not writable.
+    """
+    content = read_checkpoint(checkpoint)
+    network = build(config.network)
+    load_weights(network, content, checkpoint)
+    trained_on = {
+        "config": config.digest(content["step"]),
+        "steps": content["step"],
+        "data": config.trained_on,
+    }
+    return save(network.eval(), path, config.name, config.network.channels, trained_on)
+
+
+def publish(config: TrainConfig, folder: Path) -> list[Path]:
+    """Writes best.onnx and last.onnx of a finished training, and last-int8.onnx for masks.
+
+    Args:
+        config: It was trained with.
+        folder: Of the training.
+
+    Returns:
+        The files.
+    """
+    files = [export(config, folder / name, folder / f"{name[:-3]}.onnx") for name in (BEST, LAST)]
+    if config.network.kind == "plume":
+        pool = config.pools[next(iter(config.stages[-1].pools))]
+        some = Pool.load(
+            pool.model_copy(update={"samples": pool.samples and min(pool.samples, SOME)})
+        )
+        files.append(quantise(files[-1], folder / "last-int8.onnx", some))
+    return files
+
+
+def annotate(path: Path, metadata: Mapping[str, str]) -> Path:
+    """Adds entries to the metadata of an .onnx file, such as its calibration."""
+    model = onnx.load(path)
+    props = {entry.key: entry.value for entry in model.metadata_props}
+    onnx.helper.set_model_props(model, {**props, **metadata})
+    return _write(model, path)
+
+
+def save(
+    network: nn.Module, path: Path, name: str, channels: int, trained_on: Mapping[str, Any]
+) -> Path:
+    """Writes a network in evaluation mode; see `export`."""
+    network = cast(PlumeNet | PaperUNet, network)
+    image = torch.rand(2, channels, 4 * network.stride, 5 * network.stride)
+    with torch.inference_mode():
+        outputs = [key for key, map_ in network(image)._asdict().items() if map_ is not None]
+    model = _to_onnx(_Maps(network, outputs), network.stride, image, outputs)
+    onnx.helper.set_model_props(
+        model,
+        {
+            "schema": SCHEMA,
+            "name": name,
+            "stride": str(network.stride),
+            "channels": str(channels),
+            "receptive_px": str(network.receptive_px),
+            "calibration": json.dumps(None),
+            "trained_on": json.dumps(dict(trained_on)),
+        },
+    )
+    return _write(model, path)
+
+
+def quantise(path: Path, int8: Path, pool: Pool) -> Path:
+    """Writes the int8 twin of an fp32 network, for masks.
+
+    Static, calibrated on samples spread over a pool; the first two and the last three
+    convolutions stay in fp32, which costs little and saves most of the loss.
+
+    Args:
+        path: The fp32 .onnx file.
+        int8: The file to write.
+        pool: Training samples.
+    """
+    prepared = int8.with_suffix(".prepared")
+    unfinished = int8.with_suffix(".partial")
+    try:
+        quant_pre_process(path, prepared, skip_symbolic_shape=True)
+        quantize_static(
+            prepared,
+            unfinished,
+            _Samples(pool),
+            quant_format=QuantFormat.QDQ,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+            per_channel=True,
+            op_types_to_quantize=["Conv", "Add", "Resize"],
+            nodes_to_exclude=_kept(onnx.load(prepared)),
+        )
+        props = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
+        model = onnx.load(unfinished)
+        onnx.helper.set_model_props(model, props | {"name": f"{props['name']}-int8"})
+        return _write(model, int8)
+    finally:
+        prepared.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
+
+
+def _kept(model: onnx.ModelProto) -> list[str]:
+    """What stays in fp32: up to the second convolution, and from the third last on."""
+    nodes = list(model.graph.node)
+    places = [i for i, node in enumerate(nodes) if node.op_type == "Conv"]
+    first, last = places[KEPT_FIRST - 1], places[-KEPT_LAST]
+    return [node.name for i, node in enumerate(nodes) if i <= first or i >= last - 1]
+
+
+class _Maps(nn.Module):
+    """The maps that a network has, as a tuple."""
+
+    def __init__(self, network: nn.Module, outputs: list[str]) -> None:
+        super().__init__()
+        self.network, self.outputs = network, outputs
+
+    def forward(self, image: Tensor) -> tuple[Tensor, ...]:
+        says = self.network(image)
+        return tuple(getattr(says, name) for name in self.outputs)
+
+
+@dataclass
+class _Samples(CalibrationDataReader):  # type: ignore[misc]
+    """Images spread over a pool, a few at a time."""
+
+    pool: Pool
+
+    def __post_init__(self) -> None:
+        self._batches = self._each()
+
+    def get_next(self) -> dict[str, np.ndarray] | None:
+        """The next images, None after the last."""
+        return next(self._batches, None)
+
+    def _each(self) -> Iterator[dict[str, np.ndarray]]:
+        chosen = np.linspace(0, len(self.pool) - 1, CALIBRATION_SAMPLES).astype(int)
+        for start in range(0, len(chosen), CALIBRATION_BATCH):
+            some = chosen[start : start + CALIBRATION_BATCH]
+            yield {"image": as_input(self.pool.images[some])}
+
+
+def _to_onnx(network: nn.Module, stride: int, image: Tensor, outputs: list[str]) -> onnx.ModelProto:
+    height, width = (torch.export.Dim(name, min=1, max=MOST_STRIDES) for name in ("h", "w"))
+    sizes = {0: torch.export.Dim("n", min=1), 2: stride * height, 3: stride * width}
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it misses torchvision, we do not
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # torch's own, about its own internals
+        program = torch.onnx.export(
+            network,
+            (image,),
+            dynamo=True,
+            input_names=["image"],
+            output_names=outputs,
+            dynamic_shapes=(sizes,),
+            opset_version=OPSET,
+            verbose=False,
+        )
+    if program is None:
+        raise RuntimeError("torch.onnx.export gave no program")
+    return program.model_proto
+
+
+def _write(model: onnx.ModelProto, path: Path) -> Path:
+    unfinished = path.with_suffix(".unfinished")
+    try:
+        unfinished.write_bytes(model.SerializeToString())
+        unfinished.replace(path)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be written ({error})") from error
+    return path

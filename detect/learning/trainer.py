@@ -1,0 +1,243 @@
+"""The training loop: it can be killed at any step and goes on to the same weights."""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from detect.learning import losses
+from detect.learning.checkpoint import (
+    load_weights,
+    note,
+    read_checkpoint,
+    rewind_journal,
+    write_checkpoint,
+    write_whole,
+)
+from detect.learning.config import Stage, TrainConfig
+from detect.learning.networks import Prediction, build
+from detect.learning.pools import Batch, Batches, Pool
+from detect.learning.validation import Score, validate
+from geometry.errors import BadInputError
+
+LAST, BEST, CONFIG = "last.pt", "best.pt", "config.json"
+BETAS = (0.9, 0.999)
+Report = Callable[[str, float], None]
+
+
+def train(config: TrainConfig, folder: Path, *, report: Report) -> Path:
+    """Trains, or goes on where FOLDER's checkpoint stands.
+
+    On one thread the weights do not depend on how often it was killed.
+
+    Args:
+        config: What to train on what.
+        folder: For checkpoints and the journal; made where it is missing.
+        report: Told of progress, (what, share done).
+
+    Returns:
+        The last checkpoint.
+
+    Raises:
+        BadInputError: A pool is missing, or the checkpoint is of a config that leads elsewhere.
+    """
+    training = Training.begin(config, folder)
+    training.run(report)
+    return folder / LAST
+
+
+@dataclass(kw_only=True)
+class Training:
+    """A network on its way.
+
+    Attributes:
+        config: The schedule.
+        folder: Where it is kept.
+        network: In training.
+        optimiser: Of its weights.
+        device: Where it computes.
+        step: How many are done.
+        best: The best mean AUROC so far.
+    """
+
+    config: TrainConfig
+    folder: Path
+    network: nn.Module
+    optimiser: torch.optim.Optimizer
+    device: torch.device
+    step: int = 0
+    best: float = -math.inf
+
+    @classmethod
+    def begin(cls, config: TrainConfig, folder: Path) -> "Training":
+        """Fresh weights, or those of FOLDER's checkpoint."""
+        torch.manual_seed(config.seed)
+        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        network = build(config.network).to(device)
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        if config.initial is not None:
+            load_weights(network, read_checkpoint(config.initial), config.initial)
+        training = cls(
+            config=config,
+            folder=folder,
+            network=network,
+            optimiser=_optimiser(config, network),
+            device=device,
+        )
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if (folder / LAST).exists():
+                training._resume(folder / LAST)
+            write_whole(folder / CONFIG, json.dumps(config.to_plain(), indent=1))
+        except OSError as error:
+            raise BadInputError(f"{folder}: cannot be written ({error})") from error
+        rewind_journal(folder, training.step)
+        return training
+
+    def run(self, report: Report) -> None:
+        """Trains to the end of the schedule; a stage's samples are read when it begins."""
+        pools: dict[str, Pool] = {}
+        for first, stage in self.config.starts():
+            if self.step < first + stage.steps:
+                pools = self._pools(stage, pools)
+                self._run_stage(first, stage, pools, report)
+
+    def _run_stage(
+        self, first: int, stage: Stage, pools: Mapping[str, Pool], report: Report
+    ) -> None:
+        config, batches, recent = self.config, Batches(self.config, stage, pools), _Mean()
+        last = first + stage.steps
+        while self.step < last:
+            rate = _rate(stage, self.step - first)
+            recent.add(self._advance(batches[self.step], stage, rate))
+            if self.step % config.log_every == 0:
+                self._note(kind="train", stage=stage.name, loss=recent.take(), rate=rate)
+            if self.step % config.validate_every == 0 or self.step == config.steps:
+                self._validate(stage, pools[config.validation])
+            if self.step % config.checkpoint_every == 0 or self.step == last:
+                self.save(LAST)
+            report(stage.name, (self.step - first) / stage.steps)
+
+    def _pools(self, stage: Stage, loaded: Mapping[str, Pool]) -> dict[str, Pool]:
+        names = [*stage.pools, self.config.validation]
+        kept = {name: loaded[name] for name in names if name in loaded}
+        return {
+            name: kept[name] if name in kept else Pool.load(self.config.pools[name])
+            for name in names
+        }
+
+    def save(self, name: str) -> None:
+        """Writes a checkpoint, whole or not at all."""
+        write_checkpoint(
+            self.folder / name,
+            {
+                "digest": self.config.digest(self.step),
+                "step": self.step,
+                "best": self.best,
+                "network": self.network.state_dict(),
+                "optimiser": self.optimiser.state_dict(),
+            },
+        )
+
+    def _advance(self, batch: Batch, stage: Stage, rate: float) -> float:
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate
+        self.network.train()
+        image = torch.from_numpy(batch.image).to(self.device, memory_format=torch.channels_last)
+        truth = torch.from_numpy(batch.displacement).to(self.device)
+        loss = losses.total(
+            self._predict(image),
+            truth,
+            stage.losses,
+            positive_px=self.config.positive_px,
+            negative_px=self.config.negative_px,
+        )
+        self.optimiser.zero_grad()
+        torch.autograd.backward(loss)
+        self.optimiser.step()
+        self.step += 1
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            raise BadInputError(
+                f"{self.folder}: the loss is {value} at step {self.step}; lower the learning rate"
+            )
+        return value
+
+    def _predict(self, image: Tensor) -> Prediction:
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.mixed_precision):
+            says: Prediction = self.network(image)
+        return says
+
+    def _validate(self, stage: Stage, pool: Pool) -> None:
+        self.network.eval()
+        with torch.inference_mode():
+            scores = validate(self._predict_arrays, pool, self.config)
+        self._note(
+            kind="validation",
+            stage=stage.name,
+            families={name: score.to_plain() for name, score in scores.items()},
+        )
+        mean = _mean_auroc(scores)
+        if mean > self.best:
+            self.best = mean
+            self.save(BEST)
+
+    def _predict_arrays(self, image: np.ndarray) -> dict[str, np.ndarray]:
+        tensor = torch.from_numpy(image).to(self.device, memory_format=torch.channels_last)
+        says: Prediction = self.network(tensor)
+        known = {name: map_ for name, map_ in says._asdict().items() if map_ is not None}
+        return {name: map_.cpu().numpy() for name, map_ in known.items()}
+
+    def _resume(self, path: Path) -> None:
+        content = read_checkpoint(path)
+        if content["digest"] != self.config.digest(content["step"]):
+            raise BadInputError(
+                f"{path}: trained with another config for its first {content['step']} steps; "
+                "restore that config or name a new folder"
+            )
+        load_weights(self.network, content, path)
+        self.optimiser.load_state_dict(content["optimiser"])
+        self.step, self.best = content["step"], content["best"]
+
+    def _note(self, **line: Any) -> None:
+        note(self.folder, {"step": self.step} | line)
+
+
+class _Mean:
+    """Of what was added since it was last taken."""
+
+    def __init__(self) -> None:
+        self._sum, self._count = 0.0, 0
+
+    def add(self, value: float) -> None:
+        self._sum, self._count = self._sum + value, self._count + 1
+
+    def take(self) -> float:
+        mean = self._sum / max(self._count, 1)
+        self._sum, self._count = 0.0, 0
+        return mean
+
+
+def _optimiser(config: TrainConfig, network: nn.Module) -> torch.optim.Optimizer:
+    if config.optimiser == "adam":
+        return torch.optim.Adam(network.parameters(), betas=BETAS, fused=True)
+    return torch.optim.AdamW(
+        network.parameters(), betas=BETAS, weight_decay=config.weight_decay, fused=True
+    )
+
+
+def _rate(stage: Stage, step: int) -> float:
+    start, end = stage.learning_rate
+    share = step / (stage.cosine_steps or stage.steps)
+    return end + (start - end) * (1 + math.cos(math.pi * share)) / 2
+
+
+def _mean_auroc(scores: Mapping[str, Score]) -> float:
+    known = [score.auroc for score in scores.values() if math.isfinite(score.auroc)]
+    return float(np.mean(known)) if known else -math.inf

@@ -1,0 +1,73 @@
+"""How well a network does on samples it does not train on."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from detect.learning.config import TrainConfig
+from detect.learning.pools import Pool, as_input
+from detect.scores import auroc
+
+Predict = Callable[[np.ndarray], dict[str, np.ndarray]]
+BATCH = 16
+THIN = 7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Of the samples of one family.
+
+    Attributes:
+        auroc: Of the mask's logit (of the size, without one); pixels between the two thresholds
+            are left out, and only every `THIN`-th pixel is looked at.
+        epe_px: Mean length of the displacement's error where there is plume.
+        zero_epe_px: The same for an answer of zero.
+        explained: 1 - mean squared error / mean square, over all pixels.
+    """
+
+    auroc: float
+    epe_px: float
+    zero_epe_px: float
+    explained: float
+
+    def to_plain(self) -> dict[str, float]:
+        """Four digits of each."""
+        return {name: round(float(value), 4) for name, value in asdict(self).items()}
+
+
+def validate(predict: Predict, pool: Pool, config: TrainConfig) -> dict[str, Score]:
+    """Scores by family, on samples spread evenly over the pool."""
+    chosen = np.unique(np.linspace(0, len(pool) - 1, config.validation_samples).astype(int))
+    columns: dict[int, list[np.ndarray]] = {}
+    for start in range(0, len(chosen), BATCH):
+        some = chosen[start : start + BATCH]
+        says = predict(as_input(pool.images[some]))
+        truth = np.moveaxis(pool.displacements[some], -1, 1).astype(np.float32)
+        for k, family in enumerate(pool.families[some]):
+            one = {name: map_[k] for name, map_ in says.items()}
+            columns.setdefault(int(family), []).append(_thinned(one, truth[k]))
+    return {
+        pool.family_names[family]: _score(np.concatenate(parts, axis=1), config)
+        for family, parts in sorted(columns.items())
+    }
+
+
+def _thinned(says: dict[str, np.ndarray], truth: np.ndarray) -> np.ndarray:
+    """(3, N): score, size of the truth, size of the error, for some of the pixels."""
+    answer = says["displacement"]
+    score = says["logit"][0] if "logit" in says else np.linalg.norm(answer, axis=0)
+    size, error = (np.linalg.norm(vectors, axis=0) for vectors in (truth, answer - truth))
+    return np.stack([score, size, error]).reshape(3, -1)[:, ::THIN]
+
+
+def _score(columns: np.ndarray, config: TrainConfig) -> Score:
+    score, size, error = columns
+    plume, none = size > config.positive_px, size < config.negative_px
+    asked = plume | none
+    return Score(
+        auroc=auroc(score[asked], plume[asked]),
+        epe_px=float(error[plume].mean()) if plume.any() else float("nan"),
+        zero_epe_px=float(size[plume].mean()) if plume.any() else float("nan"),
+        explained=float(1 - (error**2).mean() / max((size**2).mean(), 1e-12)),
+    )

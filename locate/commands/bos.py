@@ -1,0 +1,92 @@
+"""`locate bos`."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from geometry.arrays import GreyImage
+from geometry.errors import BadInputError
+from locate.commands.console import Output, err, out
+from locate.journal import Report, progress_bars
+
+if TYPE_CHECKING:
+    from detect.recordings import RecordedPairs
+    from locate.video import Recording
+
+SplitName = Literal["train", "validation", "test"]
+ANY_SIDE = 1 << 16
+
+
+def bos(
+    recordings: Annotated[
+        list[Path], typer.Argument(help="Videos, or folders of frames, by a camera that stands.")
+    ],
+    output: Output,
+    reference: Annotated[
+        str, typer.Option(help="The view without plume: first:N frames, or an image file.")
+    ] = "first:50",
+    flow: Annotated[
+        str, typer.Option(help="How the flow is measured: a method's name or an .onnx network.")
+    ] = "horn-schunck",
+    size: Annotated[int, typer.Option(min=32, help="Side of the crops in px.")] = 480,
+    every: Annotated[int, typer.Option(min=1, help="Use one frame of so many.")] = 1,
+    split: Annotated[
+        SplitName | None,
+        typer.Option(help="train, validation or test; without it the recording's name decides."),
+    ] = None,
+) -> None:
+    """Turn recordings of plumes before a known background into (frame, flow) training data."""
+    from detect.recordings import PairSettings, record_pairs
+    from locate.video import open_recording
+
+    settings = PairSettings(flow=flow, size_px=size, every=every, split=split)
+    known = parse_reference(reference)
+    refused = 0
+    for path in recordings:
+        recording = open_recording(path, max_side=ANY_SIDE)
+        name = path.resolve().stem if recording.is_video else path.resolve().name
+        with progress_bars(err) as report:
+            pairs = record_pairs(name, _images(recording, name, report), known, output, settings)
+        refused += pairs.fault is not None
+        out.print(describe(pairs))
+    if refused:
+        raise BadInputError(
+            f"{refused} of {len(recordings)} recordings refused, see {output / 'recordings'}"
+        )
+
+
+def parse_reference(text: str) -> GreyImage | int:
+    """A number of frames from first:N, or the image in that file.
+
+    Raises:
+        BadInputError: Neither.
+    """
+    kind, colon, count = text.partition(":")
+    if kind == "first" and colon:
+        if not count.isdecimal() or int(count) < 1:
+            raise BadInputError(f"--reference {text}: expected first:N with N of 1 or more")
+        return int(count)
+    from locate.images import read_grey
+
+    return read_grey(Path(text))
+
+
+def describe(pairs: "RecordedPairs") -> str:
+    """One line on what became of a recording."""
+    if pairs.fault:
+        return f"{pairs.name}: refused, {pairs.fault.value}"
+    peaks = [frame.peak_px for frame in pairs.kept]
+    return (
+        f"{pairs.name}: {len(pairs.kept)} of {len(pairs.frames)} frames, {pairs.crops} crops "
+        f"for {pairs.split}, peaks {min(peaks):.2f} to {max(peaks):.2f} px"
+    )
+
+
+def _images(recording: "Recording", name: str, report: Report) -> Iterator[GreyImage]:
+    total = max(1, recording.expected_frames)
+    for frame in recording.frames():
+        report(name, min(1.0, frame.index / total))
+        yield frame.image
+    report(name, 1.0)
