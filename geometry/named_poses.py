@@ -1,5 +1,6 @@
 """Poses that know which image they belong to, and the search for a recording's frames in them."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -117,6 +118,19 @@ def resized(camera: Camera, width: int, height: int) -> Camera:
     model = camera.to_colmap()
     model.rescale(width, height)
     return Camera.from_colmap(model)
+
+
+def read_camera(path: Path, width: int, height: int) -> Camera:
+    """The camera of a JSON file, or of its `camera` block, for images of that size.
+
+    Raises:
+        BadInputError: The file cannot be read, is none, or the aspect is another.
+    """
+    try:
+        content = json.loads(path.read_text())
+        return resized(Camera.from_dict(content.get("camera", content)), width, height)
+    except (OSError, ValueError, AttributeError, BadInputError) as error:
+        raise BadInputError(f"{path}: not a camera file ({error})") from error
 
 
 def _numbers(names: Sequence[str]) -> list[int]:

@@ -1,15 +1,17 @@
 """What map.json must hold, schema ``locate.map/1``."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from geometry.errors import BadInputError
+from geometry.georeference import HeightDatum
 
 SCHEMA = "locate.map/1"
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Tangent = Annotated[list[FiniteFloat], Field(min_length=7, max_length=7)]
 
 
 class _PlumeFile(BaseModel):
@@ -36,13 +38,33 @@ class _BearingFile(BaseModel):
     displacement_px: FiniteFloat
 
 
+class _TransformFile(BaseModel):
+    scale: float = Field(gt=0)
+    rotation_xyzw: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+    translation: _Vector
+
+
+class _SourceFile(BaseModel):
+    name: str
+    unit: Literal["m", "deg", "%"]
+    median_residual: FiniteFloat
+    sigma: FiniteFloat
+    count: int
+    effective_count: FiniteFloat
+    outliers: int
+
+
 class _GeoreferenceFile(BaseModel):
     model_config = ConfigDict(extra="allow")
 
     origin_lat_deg: float = Field(ge=-90, le=90)
     origin_lon_deg: float = Field(ge=-180, le=180)
     origin_height_m: FiniteFloat
-    height_datum: str
+    height_datum: HeightDatum
+    origin_name: str = "origin"
+    enu_from_scene: _TransformFile | None = None
+    covariance: Annotated[list[_Tangent], Field(min_length=7, max_length=7)] | None = None
+    sources: tuple[_SourceFile, ...] = ()
 
 
 class _MapFile(BaseModel):
@@ -77,11 +99,14 @@ def checked_fields(content: Any) -> dict[str, Any]:
     if schema != SCHEMA:
         raise BadInputError(f"schema is {schema!r}, expected {SCHEMA!r}: make the map again")
     try:
-        fields = _MapFile.model_validate(content).model_dump()
+        checked = _MapFile.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
         raise BadInputError(f"{where}: {first['msg']}") from error
+    fields = checked.model_dump()
+    if checked.georeference is not None:
+        fields["georeference"] = checked.georeference.model_dump(mode="json", exclude_unset=True)
     for group in ("plumes", "bearings"):
         fields[group] = [_arrays(item) for item in fields[group]]
     return fields

@@ -3,7 +3,7 @@
 from locate.telemetry.odm import GroundControl, read_ground_control
 from locate.telemetry.offset import TimeOffset, estimate_offset, estimate_offset_from_turns
 from locate.telemetry.profiles import path_speeds, path_turns_dps
-from locate.telemetry.read import find_telemetry, read_telemetry
+from locate.telemetry.read import read_telemetry, telemetry_candidates
 from locate.telemetry.track import AltitudeDatum, Clock, Track
 
 __all__ = [
@@ -14,9 +14,9 @@ __all__ = [
     "Track",
     "estimate_offset",
     "estimate_offset_from_turns",
-    "find_telemetry",
     "path_speeds",
     "path_turns_dps",
     "read_ground_control",
     "read_telemetry",
+    "telemetry_candidates",
 ]

@@ -64,28 +64,17 @@ def read_telemetry(path: Path) -> Track:
     return _read_text(path)
 
 
-def find_telemetry(recording: Path) -> tuple[Track | None, tuple[str, ...]]:
-    """The telemetry that comes with a recording.
+def telemetry_candidates(recording: Path) -> tuple[Path, ...]:
+    """Where the telemetry of a recording may be, the likeliest first.
 
     A folder of photos has it in the photos, a video in its subtitle track or in a file of the same
     name beside it (``DJI_0001.SRT`` for ``DJI_0001.MP4``).
-
-    Returns:
-        The first that can be read, or None, and why each one before was refused.
     """
-    refusals: list[str] = []
-    for path in (recording, *([] if recording.is_dir() else _sidecars(recording))):
-        try:
-            return read_telemetry(path), tuple(refusals)
-        except BadInputError as error:
-            refusals.append(str(error))
-    return None, tuple(refusals)
-
-
-def _sidecars(video: Path) -> list[Path]:
-    by_name = {path.name.lower(): path for path in video.parent.iterdir()}
-    names = [video.stem.lower() + suffix for suffix in SIDECARS]
-    return [by_name[name] for name in names if name in by_name]
+    if recording.is_dir():
+        return (recording,)
+    by_name = {path.name.lower(): path for path in recording.parent.iterdir()}
+    names = [recording.stem.lower() + suffix for suffix in SIDECARS]
+    return (recording, *(by_name[name] for name in names if name in by_name))
 
 
 def _head(path: Path) -> bytes:

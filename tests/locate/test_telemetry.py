@@ -12,9 +12,9 @@ from locate.telemetry import (
     AltitudeDatum,
     Clock,
     Track,
-    find_telemetry,
     read_ground_control,
     read_telemetry,
+    telemetry_candidates,
     ulog,
 )
 from locate.telemetry.assemble import track_from_columns
@@ -249,13 +249,11 @@ def test_a_video_without_telemetry_takes_the_file_beside_it(tmp_path: Path) -> N
     recorded.write_video(video, "mov_text", ["hello"])
     with pytest.raises(BadInputError, match="where the camera was"):
         read_telemetry(video)
-    found, refusals = find_telemetry(video)
-    assert found is None
-    assert [str(video) in line for line in refusals] == [True]
-    (tmp_path / "DJI_1.SRT").write_text(recorded.SRT)
-    found, refusals = find_telemetry(video)
-    assert found is not None
-    assert (found.kind, len(refusals)) == ("DJI SRT", 1)
+    assert telemetry_candidates(video) == (video,)
+    sidecar = tmp_path / "DJI_1.SRT"
+    sidecar.write_text(recorded.SRT)
+    assert telemetry_candidates(video) == (video, sidecar)
+    assert read_telemetry(sidecar).kind == "DJI SRT"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,105 @@
+"""The horizontal or the vertical part of a set of positions, with its own noise."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from geometry.arrays import FloatArray
+from geometry.georeference.constraints import Positions
+from geometry.georeference.noise import (
+    MIN_FREE,
+    Noise,
+    curvatures,
+    estimate_noise,
+    robust,
+    weights,
+)
+from geometry.similarity import Similarity
+
+HORIZONTAL, VERTICAL = slice(0, 2), slice(2, 3)
+CHI_SQUARE_MEDIAN = {2: 1.386, 1: 0.455}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """East and north of a set of positions, or up: receivers are worse at one than the other.
+
+    Attributes:
+        positions: The set.
+        axes: `HORIZONTAL` or `VERTICAL`.
+        level: The noise of its better half, in units of the stated sigmas.
+        noise: The noise with its correlation; None before the fit has ended.
+    """
+
+    positions: Positions
+    axes: slice
+    level: float = 1.0
+    noise: Noise | None = None
+
+    @property
+    def dims(self) -> int:
+        """Number of axes."""
+        return int(self.axes.stop - self.axes.start)
+
+    def levelled(self, similarity: Similarity, lost: float) -> Self:
+        """With the level that the residuals show; at least the stated one where they are few.
+
+        Args:
+            similarity: Where the fit stands.
+            lost: Number of fixes whose worth the fit has used up.
+        """
+        n = len(self.positions)
+        squared = (self._whitened(similarity, similarity) ** 2).sum(axis=1)
+        median = float(np.median(squared)) / CHI_SQUARE_MEDIAN[self.dims]
+        if self.dims * (n - lost) < MIN_FREE:
+            return replace(self, level=max(float(np.sqrt(median)), 1.0))
+        return replace(self, level=max(float(np.sqrt(median * n / (n - lost))), 1e-6))
+
+    def robust_residuals(self, around: Similarity, at: Similarity) -> FloatArray:
+        """(N * D,) at `at`, in units of the level, the sigmas taken `around`."""
+        return robust(self._whitened(around, at) / self.level).ravel()
+
+    def weights(self, similarity: Similarity) -> FloatArray:
+        """(N,) between 0 and 1."""
+        return weights(self._squared(similarity), self.dims)
+
+    def with_noise(self, similarity: Similarity, free: FloatArray) -> Self:
+        """With the noise of the residuals at the solution."""
+        times_s = self.positions.times_s
+        if times_s is None:
+            times_s = np.arange(len(self.positions), dtype=float)
+        noise = estimate_noise(
+            self._whitened(similarity, similarity),
+            self._jacobian(similarity, free),
+            self.weights(similarity),
+            times_s,
+            fallback=self.level,
+        )
+        return replace(self, noise=noise)
+
+    def information(
+        self, similarity: Similarity, free: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(K, K) curvature of the cost and (K, K) covariance of its slope."""
+        assert self.noise is not None
+        squared = self._squared(similarity)
+        root = np.sqrt(weights(squared, self.dims))[:, None, None]
+        slopes = root * self._jacobian(similarity, free)
+        rows = slopes.reshape(-1, free.shape[1])
+        bend = curvatures(squared, self.dims).sum() / weights(squared, self.dims).sum()
+        pairs = np.einsum("iak,ij,jal->kl", slopes, self.noise.covariance, slopes, optimize=True)
+        return bend / self.level**2 * (rows.T @ rows), pairs / self.level**4
+
+    def _whitened(self, around: Similarity, at: Similarity) -> FloatArray:
+        residuals_m = self.positions.residuals_m(at)
+        return np.asarray((residuals_m / self.positions.axis_sigmas_m(around))[:, self.axes])
+
+    def _squared(self, similarity: Similarity) -> FloatArray:
+        residuals = self._whitened(similarity, similarity) / self.level
+        return np.asarray((residuals**2).sum(axis=1))
+
+    def _jacobian(self, similarity: Similarity, free: FloatArray) -> FloatArray:
+        """(N, D, K) derivatives of the whitened residuals."""
+        sigmas_m = self.positions.axis_sigmas_m(similarity)[:, self.axes, None]
+        return np.asarray(self.positions.jacobian(similarity)[:, self.axes] @ free / sigmas_m)

@@ -1,0 +1,165 @@
+"""``target_from_source`` from every source there is, or one line that says why not."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from geometry.errors import BadInputError
+from geometry.georeference.alignment import Alignment, SourceReport
+from geometry.georeference.constraints import Constraint, Positions, Scale, Up
+from geometry.georeference.noise import OUTLIER_WEIGHT
+from geometry.georeference.solve import Solution, solve
+
+CONTRADICTION_SIGMAS = 5.0
+MATERIAL_SCALE = 0.02
+MATERIAL_TILT_RAD = float(np.radians(1.0))
+MAX_ROTATION_SIGMA_RAD = float(np.radians(15.0))
+MAX_SCALE_SIGMA = 0.3
+
+
+def fit_similarity(constraints: Sequence[Constraint]) -> Alignment:
+    """Fits scale, rotation and origin to all constraints at once.
+
+    Positions give all seven parameters, gravity (`Up`) pins the tilt where they are weak in it (a
+    path along a line says nothing of the roll about it), `Scale` the size. Without positions the
+    frame keeps its heading and its origin, and with neither `Scale` its size.
+
+    Args:
+        constraints: From `geometry.georeference.fixes`, `.gravity`, `.lengths` and `.board`.
+
+    Raises:
+        BadInputError: Nothing given, too few positions, an answer too weak to be used, or sources
+            that contradict each other.
+    """
+    if not constraints:
+        raise BadInputError("nothing says where the cameras are: give positions, up or a scale")
+    _check_enough(constraints)
+    try:
+        solution = solve(constraints)
+    except np.linalg.LinAlgError as error:
+        raise BadInputError(f"{_names(constraints)}: leave the pose of the scene free") from error
+    for one in constraints:
+        _check_agreement(one, [c for c in constraints if c is not one])
+    _check_strength(solution, constraints)
+    kinds = {type(c) for c in constraints}
+    return Alignment(
+        target_from_source=solution.similarity,
+        covariance=solution.covariance,
+        metric=Positions in kinds or Scale in kinds,
+        gravity=Positions in kinds or Up in kinds,
+        located=Positions in kinds,
+        sources=tuple(_report(c, solution) for c in constraints),
+    )
+
+
+def _check_enough(constraints: Sequence[Constraint]) -> None:
+    needed = 2 if any(isinstance(c, Up) for c in constraints) else 3
+    for positions in (c for c in constraints if isinstance(c, Positions)):
+        if len(positions) < needed:
+            raise BadInputError(
+                f"{positions.name}: {len(positions)} positions, at least {needed} are needed"
+            )
+        spread = np.ptp(positions.points_in_source, axis=0).max()
+        if not spread > 1e-9 * max(1.0, float(np.abs(positions.points_in_source).max())):
+            raise BadInputError(f"{positions.name}: all positions are of the same point")
+
+
+def _check_strength(solution: Solution, constraints: Sequence[Constraint]) -> None:
+    """Refuses an answer so weak that its linear covariance means nothing."""
+    covariance, names = solution.covariance, _names(constraints)
+    turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+    if not turn < MAX_ROTATION_SIGMA_RAD:
+        cure = (
+            "move more sideways"
+            if any(isinstance(c, Up) for c in constraints)
+            else "give gravity (gimbal angles, the ground plane) or fly a path with a turn"
+        )
+        raise BadInputError(
+            f"{names}: the direction of up and north is known only to {np.degrees(turn):.0f} deg; "
+            + cure
+        )
+    scale = float(np.sqrt(covariance[6, 6]))
+    if not scale < MAX_SCALE_SIGMA:
+        raise BadInputError(
+            f"{names}: the scale is known only to {100 * scale:.0f} %; "
+            "record a longer path or give a known distance"
+        )
+
+
+def _check_agreement(one: Constraint, rest: Sequence[Constraint]) -> None:
+    """Holds a direction or a scale against what all the others say of it."""
+    others = [c for c in rest if isinstance(c, (type(one), Positions))]
+    if isinstance(one, Positions) or not others:
+        return
+    if isinstance(one, Scale):
+        others += [c for c in rest if isinstance(c, Up)]
+    try:
+        solution = solve(others)
+    except np.linalg.LinAlgError:
+        return
+    residuals, jacobian = one.residuals(solution.similarity), one.jacobian(solution.similarity)
+    expected = np.eye(len(residuals)) + jacobian @ solution.covariance @ jacobian.T
+    sigmas = float(np.sqrt(residuals @ np.linalg.solve(expected, residuals)))
+    if sigmas > CONTRADICTION_SIGMAS and _matters(one, residuals):
+        raise BadInputError(
+            f"{_says(one, solution)}: {sigmas:.0f} sigma apart; "
+            f"one of {one.name} and {_names(others)} is wrong, leave it out"
+        )
+
+
+def _matters(one: Up | Scale, residuals: np.ndarray) -> bool:
+    if isinstance(one, Scale):
+        return bool(abs(residuals[0]) * one.sigma_log > MATERIAL_SCALE)
+    return bool(np.linalg.norm(residuals) * one.sigma_rad > MATERIAL_TILT_RAD)
+
+
+def _says(one: Up | Scale, solution: Solution) -> str:
+    similarity, sigmas = solution.similarity, np.sqrt(np.diag(solution.covariance))
+    if isinstance(one, Scale):
+        return (
+            f"{one.name} says {one.metres_per_unit:.4g} m per unit (+- {100 * one.sigma_log:.2g} "
+            f"%), the rest {similarity.scale:.4g} (+- {100 * sigmas[6]:.2g} %)"
+        )
+    tilt_deg = np.degrees(np.linalg.norm(one.residuals(similarity)) * one.sigma_rad)
+    return (
+        f"{one.name} says up is {tilt_deg:.1f} deg (+- {np.degrees(one.sigma_rad):.1f}) from "
+        f"where the rest has it (+- {np.degrees(sigmas[:2].max()):.1f})"
+    )
+
+
+def _names(constraints: Sequence[Constraint]) -> str:
+    return ", ".join(c.name for c in constraints)
+
+
+def _report(one: Constraint, solution: Solution) -> SourceReport:
+    if isinstance(one, Scale):
+        off = float(one.residuals(solution.similarity)[0]) * one.sigma_log
+        return SourceReport(
+            name=one.name, unit="%", median_residual=100 * abs(off), sigma=100 * one.sigma_log
+        )
+    if isinstance(one, Up):
+        off = float(np.linalg.norm(one.residuals(solution.similarity))) * one.sigma_rad
+        return SourceReport(
+            name=one.name,
+            unit="deg",
+            median_residual=float(np.degrees(off)),
+            sigma=float(np.degrees(one.sigma_rad)),
+        )
+    channels = [c for c in solution.channels if c.positions is one]
+    sigmas_m = one.axis_sigmas_m(solution.similarity)
+    noises = [c.noise for c in channels if c.noise is not None]
+    variances = [
+        (noise.level * sigmas_m[:, c.axes]) ** 2 for c, noise in zip(channels, noises, strict=True)
+    ]
+    weight = np.min([c.weights(solution.similarity) for c in channels], axis=0)
+    return SourceReport(
+        name=one.name,
+        unit="m",
+        median_residual=float(
+            np.median(np.linalg.norm(one.residuals_m(solution.similarity), axis=1))
+        ),
+        sigma=float(np.sqrt(np.mean(np.concatenate(variances, axis=1)))),
+        count=len(one),
+        effective_count=min(noise.effective_count for noise in noises),
+        outliers=int((weight < OUTLIER_WEIGHT).sum()),
+    )

@@ -1,0 +1,120 @@
+"""One least-squares over all that is known of ``target_from_source``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from geometry.arrays import FloatArray
+from geometry.georeference.channel import HORIZONTAL, VERTICAL, Channel
+from geometry.georeference.constraints import Constraint, Positions, Scale, Up, moved
+from geometry.georeference.start import least_median, turned_upright
+from geometry.similarity import Similarity
+
+MAX_ROUNDS = 30
+CONVERGED = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """The similarity that fits all constraints best.
+
+    Attributes:
+        similarity: ``target_from_source``.
+        covariance: (7, 7), zero along what no constraint determines.
+        channels: Two of every set of positions.
+    """
+
+    similarity: Similarity
+    covariance: FloatArray
+    channels: tuple[Channel, ...]
+
+
+def solve(constraints: Sequence[Constraint]) -> Solution:
+    """Bisquare least squares with the noise level of every channel taken from its residuals.
+
+    Raises:
+        LinAlgError: The constraints leave free what they should determine.
+    """
+    positions = [c for c in constraints if isinstance(c, Positions)]
+    others = [c for c in constraints if not isinstance(c, Positions)]
+    free, similarity = _free_directions(constraints), first_guess(constraints)
+    lost = free.shape[1] / 3
+    channels = [
+        Channel(positions=p, axes=axes).levelled(similarity, lost)
+        for p in positions
+        for axes in (HORIZONTAL, VERTICAL)
+    ]
+    for _ in range(MAX_ROUNDS):
+        step = _step(similarity, free, channels, others)
+        similarity = moved(similarity, step)
+        before = [channel.level for channel in channels]
+        channels = [channel.levelled(similarity, lost) for channel in channels]
+        settled = np.allclose(before, [c.level for c in channels], rtol=CONVERGED)
+        if settled and np.abs(step).max() < CONVERGED:
+            break
+    channels = [channel.with_noise(similarity, free) for channel in channels]
+    covariance = _covariance(similarity, free, channels, others)
+    return Solution(similarity=similarity, covariance=covariance, channels=tuple(channels))
+
+
+def first_guess(constraints: Sequence[Constraint]) -> Similarity:
+    """Where to start: from the largest set of positions, else only upright and to scale."""
+    positions = [c for c in constraints if isinstance(c, Positions)]
+    ups = [c for c in constraints if isinstance(c, Up)]
+    up = min(ups, key=lambda c: c.sigma_rad).up_in_source if ups else None
+    if positions:
+        largest = max(positions, key=len)
+        return least_median(largest.points_in_source, largest.positions_in_target, up)
+    scales = [c.metres_per_unit for c in constraints if isinstance(c, Scale)]
+    return Similarity(
+        scale=scales[0] if scales else 1.0,
+        rotation=np.eye(3) if up is None else turned_upright(up),
+        translation=np.zeros(3),
+    )
+
+
+def _free_directions(constraints: Sequence[Constraint]) -> FloatArray:
+    """(7, K) columns of the tangent that the constraints determine."""
+    kinds = {type(c) for c in constraints}
+    located = Positions in kinds
+    tilt, scale = located or Up in kinds, located or Scale in kinds
+    return np.eye(7)[:, [tilt, tilt, located, located, located, located, scale]]
+
+
+def _step(
+    similarity: Similarity,
+    free: FloatArray,
+    channels: Sequence[Channel],
+    others: Sequence[Up | Scale],
+) -> FloatArray:
+    """(7,) in the tangent from `similarity` to the best one under the levels of the channels."""
+
+    def residuals(step: FloatArray) -> FloatArray:
+        at = moved(similarity, free @ step)
+        rows = [channel.robust_residuals(similarity, at) for channel in channels]
+        return np.concatenate([*rows, *(other.residuals(at) for other in others)])
+
+    found = least_squares(residuals, np.zeros(free.shape[1]), method="lm", x_scale="jac")
+    return np.asarray(free @ found.x)
+
+
+def _covariance(
+    similarity: Similarity,
+    free: FloatArray,
+    channels: Sequence[Channel],
+    others: Sequence[Up | Scale],
+) -> FloatArray:
+    """A^-1 B A^-1 with A the curvature of the cost and B the covariance of its slope."""
+    terms = [channel.information(similarity, free) for channel in channels]
+    for other in others:
+        jacobian = other.jacobian(similarity) @ free
+        terms.append((jacobian.T @ jacobian, jacobian.T @ jacobian))
+    inverse = np.linalg.inv(np.sum([term[0] for term in terms], axis=0))
+    covariance = free @ inverse @ np.sum([term[1] for term in terms], axis=0) @ inverse @ free.T
+    shared = [c.positions.shared_sigma_m for c in channels if c.axes == HORIZONTAL]
+    covariance[3:6, 3:6] += np.diag(np.square(np.reshape(shared, (-1, 3))).sum(axis=0))
+    if not np.isfinite(covariance).all():
+        raise np.linalg.LinAlgError("no finite covariance")
+    return np.asarray(covariance)

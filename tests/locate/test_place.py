@@ -1,0 +1,113 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geometry.errors import BadInputError
+from geometry.georeference import Georeference, HeightDatum
+from geometry.similarity import Similarity
+from geometry.trajectory import Trajectory
+from locate.place import Placement, place
+from locate.simulation.paths import fly
+from locate.simulation.scene import PathBlock, Scene, VideoBlock
+from locate.video.index import KeyFrame, KeyFrames
+
+ORIGIN = Georeference(lat_deg=47.2, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
+GPS_SIGMA_M = 0.5
+TURN = Rotation.from_rotvec([0.4, -0.2, 1.1]).as_matrix()
+
+
+@pytest.fixture(scope="module")
+def flight() -> Trajectory:
+    """The true cameras of a wide orbit, east-north-up."""
+    path = PathBlock(kind="orbit", radius_m=40, height_m=20, arc_deg=150, jitter_m=0.3)
+    return fly(Scene(path=path, video=VideoBlock(frames=40, fps=2)))
+
+
+def reconstructed(flight: Trajectory) -> Trajectory:
+    """As structure from motion gives it: any scale, any up."""
+    scrambled = Similarity(scale=0.07, rotation=TURN, translation=np.array([3.0, 2, 1]))
+    return replace(flight.transformed(scrambled), metric=False, gravity=False)
+
+
+def frames_of(flight: Trajectory, *, video: bool) -> KeyFrames:
+    return KeyFrames(
+        frames=tuple(
+            KeyFrame(
+                index=int(i), time_s=float(t), source=f"P{i:03d}.JPG", sharpness=1.0, motion_px=5.0
+            )
+            for i, t in zip(flight.indices, flight.times_s, strict=True)
+        ),
+        width=640, height=480, is_video=video, static=False, focal_prior_px=None,
+    )  # fmt: skip
+
+
+def write_csv(path: Path, flight: Trajectory, seed: int = 0) -> Path:
+    rng = np.random.default_rng(seed)
+    noisy = flight.centers_in_world + rng.normal(0, GPS_SIGMA_M, (len(flight), 3))
+    rows = [
+        f"P{i:03d}.JPG,{lat:.9f},{lon:.9f},{height:.3f}"
+        for i, (lat, lon, height) in enumerate(ORIGIN.lat_lon_height(noisy))
+    ]
+    path.write_text("\n".join(["filename,latitude,longitude,altitude", *rows]) + "\n")
+    return path
+
+
+def test_photos_with_gps_are_placed_on_the_earth(flight: Trajectory, tmp_path: Path) -> None:
+    source = reconstructed(flight)
+    telemetry = write_csv(tmp_path / "gps.csv", flight)
+    placement = place(source, frames_of(flight, video=False), [telemetry], asked=True)
+    moved = placement.moved(source)
+    assert (moved.metric, moved.gravity) == (True, True)
+    assert placement.georeference is not None
+    there = placement.georeference.lat_lon_height(moved.centers_in_world)
+    error_m = np.linalg.norm(ORIGIN.enu(there) - flight.centers_in_world, axis=1)
+    assert error_m.max() < 1.0
+    np.testing.assert_allclose(
+        np.ptp(moved.centers_in_world, axis=0), np.ptp(flight.centers_in_world, axis=0), atol=1.0
+    )
+
+
+def test_a_placement_is_read_back(flight: Trajectory, tmp_path: Path) -> None:
+    source = reconstructed(flight)
+    telemetry = write_csv(tmp_path / "gps.csv", flight)
+    placement = place(source, frames_of(flight, video=False), [telemetry])
+    placement.save(tmp_path / "placement.json")
+    again = Placement.load(tmp_path / "placement.json")
+    np.testing.assert_allclose(
+        again.moved(source).centers_in_world, placement.moved(source).centers_in_world
+    )
+    assert again.georeference == placement.georeference
+    assert "metric, gravity, located by gps.csv" in again.summary()
+
+
+def test_what_was_found_and_cannot_be_used_is_noted(flight: Trajectory, tmp_path: Path) -> None:
+    source, frames = reconstructed(flight), frames_of(flight, video=False)
+    telemetry = write_csv(tmp_path / "gps.csv", flight.take(np.arange(2)))
+    placement = place(source, frames, [tmp_path / "folder", telemetry])
+    assert placement.alignment is None
+    np.testing.assert_array_equal(placement.moved(source).translations, source.translations)
+    (note,) = placement.notes
+    assert "gps.csv" in note
+    with pytest.raises(BadInputError, match=r"gps\.csv"):
+        place(source, frames, [telemetry], asked=True)
+
+
+def test_a_known_camera_height_sets_the_scale(flight: Trajectory) -> None:
+    rng = np.random.default_rng(1)
+    ground = np.c_[rng.uniform(-60, 60, (400, 2)), rng.normal(0, 0.02, 400)]
+    to_source = Similarity(scale=0.07, rotation=np.eye(3), translation=np.zeros(3))
+    source = replace(flight.transformed(to_source), metric=False, gravity=False)
+    placement = place(
+        source, frames_of(flight, video=True), [], camera_height_m=20.0,
+        points_in_world=to_source(ground),
+    )  # fmt: skip
+    moved = placement.moved(source)
+    assert moved.metric
+    assert np.ptp(moved.centers_in_world[:, 0]) == pytest.approx(
+        np.ptp(flight.centers_in_world[:, 0]), rel=0.02
+    )
+    with pytest.raises(BadInputError, match="needs a reconstruction"):
+        place(source, frames_of(flight, video=True), [], camera_height_m=20.0)
