@@ -51,6 +51,16 @@ class RegisteredDetector:
             BadInputError: The frames have no poses, poses and frames differ in number, or the
                 camera shows no parallax at all.
         """
+        measured = self.measure(frames, index)
+        if measured is None:
+            return silent(frames.images[index].shape)
+        return judged(*measured)
+
+    def measure(self, frames: Frames, index: int) -> tuple[Measurement, float] | None:
+        """What the neighbours of frame `index` say, and the unit of its inverse depth.
+
+        None where fewer than two neighbours overlap and show parallax; raises as `detect`.
+        """
         trajectory = frames.trajectory
         if trajectory is None:
             raise BadInputError("the registered detector takes camera poses; use bos without")
@@ -63,7 +73,7 @@ class RegisteredDetector:
             )
         rows = choose_neighbours(trajectory, index, inverse_depth, self._count)
         if len(rows) < 2:
-            return silent(frames.images[index].shape)
+            return None
         neighbours = [
             Neighbour(
                 image=frames.images[row],
@@ -71,7 +81,7 @@ class RegisteredDetector:
             )
             for row in rows
         ]
-        return judged(Registration(frames.images[index], neighbours).measure(), inverse_depth)
+        return Registration(frames.images[index], neighbours).measure(), inverse_depth
 
     def _typical_inverse_depth(self, frames: Frames, trajectory: Trajectory, index: int) -> float:
         if self._points_in_world is None:

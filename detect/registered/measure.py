@@ -10,6 +10,7 @@ from detect.differential import window_shift
 from detect.flow import dis_matcher
 from detect.registered.separate import (
     TINY,
+    Separation,
     as_complex,
     dot,
     pose_like_field,
@@ -44,6 +45,8 @@ class Measurement:
 
     Attributes:
         displacement: (H, W, 2) w, px.
+        first_displacement: (H, W, 2) w as optical flow alone gives it, smoother, px.
+        misfit: Usual squared difference from the registered neighbours, grey levels squared.
         scatter_px: Standard deviation of the neighbours' residuals, one component.
         variance_factor: Variance of w for residuals of unit variance.
         visible: In how many neighbours a pixel is seen, with weights from 0 to 1.
@@ -53,12 +56,23 @@ class Measurement:
     """
 
     displacement: FloatMap
+    first_displacement: FloatMap
+    misfit: FloatMap
     scatter_px: FloatMap
     variance_factor: FloatMap
     visible: FloatMap
     texture: FloatMap
     relative_inverse_depth: FloatMap
     depth_edge_px: FloatMap
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Robust:
+    """The answer without outliers, its residual variance, and the weight that was left."""
+
+    answer: Separation
+    variance: FloatMap
+    seen: FloatMap
 
 
 class Registration:
@@ -81,8 +95,8 @@ class Registration:
     def measure(self) -> Measurement:
         """Flow, separation, then again on the registered neighbours."""
         flows = self._match()
-        pose_errors = self._first_stage(flows)
-        return self._second_stage(pose_errors)
+        pose_errors, first = self._first_stage(flows)
+        return self._second_stage(pose_errors, first)
 
     def _texture_within(self, sigma_px: float) -> FloatMap:
         gx, gy = self._gradients
@@ -125,8 +139,12 @@ class Registration:
             steepness += weight * squared(lever)
         self._step_depth(along / (steepness + TINY))
 
-    def _first_stage(self, flows: list[FloatMap]) -> list[FloatMap]:
-        """Takes the pose error out of every neighbour and sets the depth; returns those errors."""
+    def _first_stage(self, flows: list[FloatMap]) -> tuple[list[FloatMap], FloatMap]:
+        """Takes the pose error out of every neighbour and sets the depth.
+
+        Returns:
+            Those errors, and the displacement so far.
+        """
         wide = self._texture_within(4.0)
         textured = wide / (wide + TEXTURE_HALF)
         errors, slopes, weights, pose_errors = [], [], [], []
@@ -140,9 +158,9 @@ class Registration:
         first = separate(np.array(errors), np.array(slopes), np.array(weights))
         step, limit = first.inverse_depth_step, 0.3 * self._inverse_depth
         self._step_depth(np.where(np.abs(step) < limit, step, 0))
-        return pose_errors
+        return pose_errors, first.displacement
 
-    def _second_stage(self, pose_errors: list[FloatMap]) -> Measurement:
+    def _second_stage(self, pose_errors: list[FloatMap], first: FloatMap) -> Measurement:
         shifts, slopes, visible, misfits = [], [], [], []
         for neighbour, pose_error in zip(self._neighbours, pose_errors, strict=True):
             predicted, slope = self._predict(neighbour)
@@ -154,7 +172,8 @@ class Registration:
             slopes.append(slope)
         usual_misfit = np.median(misfits, axis=0) + 4
         weights = np.array(visible) / (1 + (np.array(misfits) / usual_misfit) ** 2)
-        return self._robustly(np.array(shifts), np.array(slopes), weights.astype(np.float32))
+        second = self._robustly(np.array(shifts), np.array(slopes), weights.astype(np.float32))
+        return self._measured(second, np.array(slopes), first, usual_misfit)
 
     def _shift(self, registered: FloatMap) -> FloatMap:
         """How far the registered neighbour still is from the key frame, px."""
@@ -162,24 +181,30 @@ class Registration:
         shift = window_shift(*self._gradients, difference, WINDOW_PX, NOISE)
         return np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
 
-    def _robustly(self, shifts: FloatMap, slopes: FloatMap, weights: FloatMap) -> Measurement:
+    def _robustly(self, shifts: FloatMap, slopes: FloatMap, weights: FloatMap) -> _Robust:
         for _ in range(2):
             answer = separate(shifts, slopes, weights)
             squares = answer.squared_residuals
             variance = (weights * squares).sum(axis=0) / (weights.sum(axis=0) + TINY)
             used = weights
             weights = weights / (1 + squares / (4 * variance + 1e-4))
+        return _Robust(answer=answer, variance=variance, seen=used.sum(axis=0))
+
+    def _measured(
+        self, second: _Robust, slopes: FloatMap, first: FloatMap, misfit: FloatMap
+    ) -> Measurement:
         parallax = np.abs(as_complex(slopes)).max(axis=0)
         step = np.abs(self._inverse_depth - blur(self._inverse_depth, 5.0)) * parallax
         textured = self._texture / (self._texture + TEXTURE_HALF)
-        seen = used.sum(axis=0)
-        w = np.clip(answer.displacement, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
-        drift = self._pose_like(w, textured * (seen > 1))
+        w = np.clip(second.answer.displacement, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
+        drift = self._pose_like(w, textured * (second.seen > 1))
         return Measurement(
             displacement=np.clip(w - drift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX),
-            scatter_px=np.sqrt(variance / 2),
-            variance_factor=answer.variance_factor,
-            visible=seen,
+            first_displacement=np.clip(first, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX),
+            misfit=misfit,
+            scatter_px=np.sqrt(second.variance / 2),
+            variance_factor=second.answer.variance_factor,
+            visible=second.seen,
             texture=self._texture,
             relative_inverse_depth=self._inverse_depth,
             depth_edge_px=cv2.dilate(step, np.ones((5, 5), np.uint8)),

@@ -1,6 +1,5 @@
 """Arrays in a file: written whole or not at all, and never unpickled."""
 
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from geometry.errors import BadInputError
+from geometry.npz import BROKEN
 
 
 def save_arrays(path: Path, **arrays: np.ndarray) -> None:
@@ -34,7 +34,7 @@ def open_arrays(path: Path, what: str) -> Iterator[Any]:
         BadInputError: The file is missing or broken, or lacks an array; `what` says what it is not.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             yield file
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (*BROKEN, KeyError) as error:
         raise BadInputError(f"{path}: not {what}, delete it ({error})") from error

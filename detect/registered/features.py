@@ -1,0 +1,58 @@
+"""What a network is shown of a measurement: channels of about unit size."""
+
+from typing import Literal, get_args
+
+import numpy as np
+
+from detect.registered.measure import Measurement
+from geometry.arrays import FloatMap
+
+Feature = Literal[
+    "displacement_x",
+    "displacement_y",
+    "first_displacement_x",
+    "first_displacement_y",
+    "significance_x",
+    "significance_y",
+    "log_sigma",
+    "log_scatter",
+    "log_texture",
+    "log_misfit",
+    "log_depth_edge",
+    "visible",
+    "inverse_depth",
+]
+FEATURES: tuple[Feature, ...] = get_args(Feature)
+SMALL_PX = 0.1
+UNMEASURED_SIGMA_PX = 3.0
+NEIGHBOURS = 8.0
+
+
+def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
+    """The channels, in the order of `FEATURES`.
+
+    Displacements enter as arcsinh(w / 0.1 px), and again in units of their sigma; everything with
+    a scale as a logarithm.
+
+    Args:
+        measurement: (H, W) of one frame.
+        sigma_px: (H, W) of the displacement; inf where unmeasured.
+
+    Returns:
+        (C, H, W) float32.
+    """
+    sigma = np.where(np.isfinite(sigma_px), sigma_px, UNMEASURED_SIGMA_PX)
+    w = measurement.displacement
+    channels = [
+        *np.moveaxis(np.arcsinh(w / SMALL_PX), -1, 0),
+        *np.moveaxis(np.arcsinh(measurement.first_displacement / SMALL_PX), -1, 0),
+        *np.moveaxis(np.arcsinh(w / sigma[..., None]), -1, 0),
+        np.log(sigma / SMALL_PX),
+        np.log((measurement.scatter_px + 1e-3) / SMALL_PX),
+        np.log1p(measurement.texture) / 3,
+        np.log1p(measurement.misfit) / 3,
+        np.log1p(measurement.depth_edge_px),
+        measurement.visible / NEIGHBOURS,
+        np.log1p(measurement.relative_inverse_depth),
+    ]
+    return np.stack(channels).astype(np.float32)
