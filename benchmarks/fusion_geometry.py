@@ -32,12 +32,14 @@ def draw(seed: int, arc_deg: float, views: int) -> tuple[float, float, float, in
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="Seed of the first draw.")
     parser.add_argument("--arc", type=float, nargs="+", default=[60.0])
     parser.add_argument("--views", type=int, default=16)
     arguments = parser.parse_args()
     print("arc deg | found | median m | % of range | p90 m | NEES/dof | axis deg | false plumes")
     for arc in arguments.arc:
-        drawn = [draw(seed, arc, arguments.views) for seed in range(arguments.draws)]
+        seeds = range(arguments.first, arguments.first + arguments.draws)
+        drawn = [draw(seed, arc, arguments.views) for seed in seeds]
         found = np.array([result for result in drawn if result is not None])
         error, nees, axis, false = found.T
         print(

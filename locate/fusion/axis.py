@@ -1,12 +1,13 @@
-"""The axis of a column measured in each view: where, across it, the evidence lies."""
+"""The axis of a column sighted in each view: where, across it, the evidence lies."""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from geometry.arrays import FloatArray
+from geometry.arrays import FloatArray, IntArray
 from geometry.grid import lever_gate
+from geometry.trajectory import Trajectory
 from locate.fusion.column import (
     FOOTPRINT_SHARE,
     HEIGHT,
@@ -21,116 +22,123 @@ from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.15, 0.35, 0.6, 1.0)
 REACH_RADII = 2.5
-PROFILE_SAMPLES = 81
-SEARCH_RADII = 1.6
+PROFILE_SAMPLES = 101
+EDGE_SAMPLES = 5
 VIEW_SAW_NATS = 0.5
+SECTION_SAW_LLR = 0.4
+LOOK_PX2 = 10.0
 LEAST_RADIUS_PX = 2.0
-FEWEST_TO_FIT = 3
-ROBUST_TURNS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisSightings:
-    """Where each view sees the axis, section by section.
+    """N sightings of the axis, each of one section in one view.
 
     Attributes:
-        heights: (S,) middles of the sections above the column's lowest point, along world Z.
-        points: (S, 3) of the column's axis at these heights, world units.
-        pixel: (V, S, 2) where the view sees the axis; NaN where it does not.
-        normal: (V, S, 2) unit normal of the projected axis: the direction that was measured.
-        residual_px: (V, S) what is left of the distance between `pixel` and the projected axis
-            once each section may stand where it fits best: the sway and the noise.
+        view: (N,) row of the view.
+        time_s: (N,) when it was taken.
+        height: (N,) middle of the section above the column's lowest point, along world Z.
+        offset_px: (N,) from the projected axis to where the view sees it, along the normal.
+        sigma_px: (N,) its standard deviation, as far as the evidence itself tells.
+        by_shift: (N, 2) derivative of the offset by the axis point's world X and Y.
+        by_pose: (N, 6) derivative by the view's pose, in gtsam's tangent of world_from_cam.
     """
 
-    heights: FloatArray
-    points: FloatArray
-    pixel: FloatArray
-    normal: FloatArray
-    residual_px: FloatArray
+    view: IntArray
+    time_s: FloatArray
+    height: FloatArray
+    offset_px: FloatArray
+    sigma_px: FloatArray
+    by_shift: FloatArray
+    by_pose: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.view)
 
 
 def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
     """Matches, across the axis, each section's evidence with the outline of the column.
 
     The offset is that of the outline which holds the most evidence; a centroid would be drawn
-    to wherever its window stands.
+    to wherever its window stands. Where the pixels there do not speak for a plume, nothing was
+    sighted: silence before a contradicting background is no plume.
     """
     middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
     sections = column[HEIGHT] * (low + (high - low) * middles)
-    heights = sections.mean(axis=1)
-    points = spine(column[None], heights[None])[0]
-    saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
-    normal = np.zeros((len(views), len(sections), 2))
-    offset = np.full((len(views), len(sections)), np.nan)
-    for i in np.flatnonzero(saw):
-        for k, section in enumerate(sections):
-            offset[i, k], normal[i, k] = _match(views, int(i), column, section)
-    projected = np.stack([views.trajectory.project(i, points) for i in range(len(views))])
+    places: list[tuple[int, float]] = []
+    measured: list[FloatArray] = []
+    for i in np.flatnonzero(score(views, column[None])[:, 0] > VIEW_SAW_NATS):
+        for heights in sections:
+            sighted = _sight(views, int(i), column, heights)
+            if sighted is not None:
+                places.append((int(i), float(heights.mean())))
+                measured.append(sighted)
+    view = np.array([place[0] for place in places], dtype=np.int64)
+    rows = np.reshape(measured, (-1, 10))
     return AxisSightings(
-        heights=heights,
-        points=points,
-        pixel=projected + offset[..., None] * normal,
-        normal=normal,
-        residual_px=_residuals(views, points, normal, offset),
+        view=view,
+        time_s=views.trajectory.times_s[view],
+        height=np.array([place[1] for place in places]),
+        offset_px=rows[:, 0],
+        sigma_px=rows[:, 1],
+        by_shift=rows[:, 2:4],
+        by_pose=rows[:, 4:],
     )
 
 
-def _residuals(
-    views: Views, points: FloatArray, normal: FloatArray, offset: FloatArray
-) -> FloatArray:
-    """(V, S) offsets less those that moving each point sideways explains, by robust regression."""
-    nudge = 1e-3 * views.unit
-    residual = np.full_like(offset, np.nan)
-    for k, point in enumerate(points):
-        seen = np.flatnonzero(np.isfinite(offset[:, k]))
-        if len(seen) < FEWEST_TO_FIT:
-            continue
-        places = point + nudge * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
-        pixels = np.stack([views.trajectory.project(int(i), places) for i in seen])
-        moved = (pixels[:, 1:] - pixels[:, :1]) / nudge
-        design = np.einsum("vdk,vk->vd", moved, normal[seen, k])
-        row, weight = offset[seen, k], np.ones(len(seen))
-        for _ in range(ROBUST_TURNS):
-            root = np.sqrt(weight)
-            shift = np.linalg.lstsq(design * root[:, None], row * root, rcond=None)[0]
-            left = row - design @ shift
-            weight = 1 / (1 + (left / (2 * np.median(np.abs(left)) + 1e-9)) ** 2)
-        residual[seen, k] = left
-    return residual
-
-
-def _match(
-    views: Views, i: int, column: FloatArray, heights: FloatArray
-) -> tuple[float, FloatArray]:
-    """Offset in px (NaN where there is none) and normal of a section of the axis in one view."""
-    camera, trajectory = views.trajectory.camera, views.trajectory
+def _sight(views: Views, i: int, column: FloatArray, heights: FloatArray) -> FloatArray | None:
+    """(10,) offset, its sigma and its derivatives; None where the section was not sighted."""
     points = spine(column[None], heights[None])[0]
-    in_cam = trajectory.world_to_cam(i, points)
+    in_cam = views.trajectory.world_to_cam(i, points)
     depth = in_cam[:, 2]
     if (depth < NEAREST_DEPTH_UNITS * views.unit).any():
-        return np.nan, np.zeros(2)
+        return None
+    camera = views.trajectory.camera
     pixel = camera.project(in_cam)
-    ahead = camera.project(trajectory.world_to_cam(i, points + 1e-3 * axis_direction(column)))
-    tangent = (ahead - pixel).mean(axis=0)
-    tangent /= max(float(np.linalg.norm(tangent)), 1e-12)
-    normal = np.array([-tangent[1], tangent[0]])
+    normal = _normal(views.trajectory, i, points, column)
     radii_px = camera.focal_px * (column[RADIUS] + column[OPENING] * heights) / depth
     radii_px = np.maximum(radii_px, LEAST_RADIUS_PX)
     reach = np.linspace(-REACH_RADII, REACH_RADII, PROFILE_SAMPLES)
     sampled = pixel[:, None] + (radii_px[:, None] * reach)[..., None] * normal
-    evidence = _sample(views, i, sampled, depth)
-    width = np.abs(reach) <= FOOTPRINT_SHARE
-    smooth = cv2.GaussianBlur(width.astype(np.float64)[None], (0, 0), 4)[0]
-    matched = np.correlate((evidence * radii_px[:, None]).mean(axis=0), smooth, mode="same")
-    searched = np.flatnonzero(np.abs(reach) <= SEARCH_RADII)
-    best = int(searched[np.argmax(matched[searched])])
-    if matched[best] <= 0 or best in (searched[0], searched[-1]):
-        return np.nan, normal
-    below, peak, above = matched[best - 1 : best + 2]
-    curvature = below - 2 * peak + above
-    shift = 0.5 * (below - above) / curvature if curvature < 0 else 0.0
-    return float((reach[best] + shift * (reach[1] - reach[0])) * radii_px.mean()), normal
+    outline = (np.abs(reach) <= FOOTPRINT_SHARE).astype(float)
+    outline = cv2.GaussianBlur(outline[None], (0, 0), EDGE_SAMPLES)[0]
+    evidence = _sample(views, i, sampled, depth).mean(axis=0)
+    llr = np.correlate(evidence, outline / outline.sum(), mode="same")
+    searched = np.abs(reach) <= REACH_RADII - FOOTPRINT_SHARE
+    offsets_px, llr = reach[searched] * radii_px.mean(), llr[searched]
+    best = int(np.argmax(llr))
+    if llr[best] < SECTION_SAW_LLR or best in (0, len(llr) - 1):
+        return None
+    length_px = float(np.linalg.norm(pixel[-1] - pixel[0])) * HEIGHTS / (HEIGHTS - 1)
+    looks = 2 * FOOTPRINT_SHARE * radii_px.mean() * length_px / LOOK_PX2
+    likelihood = np.exp(looks * (llr - llr[best]))
+    variance = likelihood @ (offsets_px - offsets_px[best]) ** 2 / likelihood.sum()
+    derivatives = _derivatives(views.trajectory, i, points.mean(axis=0), normal)
+    return np.array([offsets_px[best], np.sqrt(variance), *derivatives])
+
+
+def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: FloatArray) -> FloatArray:
+    """(2,) unit normal of the projected axis: the direction that is measured."""
+    ahead = points + 1e-3 * axis_direction(column)
+    tangent = (trajectory.project(i, ahead) - trajectory.project(i, points)).mean(axis=0)
+    tangent /= max(float(np.linalg.norm(tangent)), 1e-12)
+    return np.array([-tangent[1], tangent[0]])
+
+
+def _derivatives(
+    trajectory: Trajectory, i: int, point: FloatArray, normal: FloatArray
+) -> FloatArray:
+    """(8,) of the offset along `normal`: by the point's world X and Y, and by the pose.
+
+    The tangent of world_from_cam turns and shifts in the camera's own frame, so a point in it
+    moves by `p x omega - v`.
+    """
+    x, y, z = trajectory.world_to_cam(i, point[None])[0]
+    by_cam = normal @ np.array([[1, 0, -x / z], [0, 1, -y / z]]) * trajectory.camera.focal_px / z
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    by_shift = by_cam @ trajectory.rotations[i][:, :2]
+    return np.concatenate([by_shift, by_cam @ cross, -by_cam])
 
 
 def _sample(views: Views, i: int, pixels: FloatArray, depth: FloatArray) -> FloatArray:

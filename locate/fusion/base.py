@@ -138,7 +138,8 @@ def find_contact(
         return None
     height = float(np.median(crossings))
     spread = float(1.4826 * np.median(np.abs(crossings - height)))
-    sigma = MEDIAN_SPREAD * np.hypot(spread, step) / np.sqrt(len(crossings) * INDEPENDENT_VIEWS)
+    independent = len(crossings) * INDEPENDENT_VIEWS
+    sigma = MEDIAN_SPREAD * np.hypot(spread, step / np.sqrt(12)) / np.sqrt(independent)
     return Contact(
         height=height, sigma=float(sigma), found=found, hidden=len(covers) > len(contacts)
     )

@@ -8,7 +8,7 @@ import numpy as np
 from geometry.arrays import FloatArray, IntArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.axis import VIEW_SAW_NATS, sight_axis
-from locate.fusion.base import Base, locate_base
+from locate.fusion.base import locate_base
 from locate.fusion.column import (
     HEIGHT,
     OPENING,
@@ -31,7 +31,7 @@ from locate.plume import Plume
 
 FALSE_ALARM = 0.01
 NULL_SHARE = 0.8  # of the time that fusion takes
-REFINEMENTS = 4
+REFINEMENTS = 3
 RADIUS_SAMPLES = 9
 
 
@@ -51,7 +51,12 @@ class Fused:
 
 
 def fuse(
-    views: Views, *, seed: int = 0, progress: Callable[[float], None] = lambda _share: None
+    views: Views,
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda _share: None,
+    null: NullLevel | None = None,
+    most_false_alarm: float = FALSE_ALARM,
 ) -> Fused:
     """Finds the plumes that the summed evidence of all views speaks for.
 
@@ -59,35 +64,38 @@ def fuse(
         views: The evidence.
         seed: Of every random choice.
         progress: Told the share done, from 0 to 1.
+        null: What chance makes of these views; drawn from them where it is not known yet.
+        most_false_alarm: Columns that chance makes more often than this are no plumes.
     """
     rng = np.random.default_rng(seed)
     unit = views.unit
     if np.isnan(unit):
         return Fused(plumes=(), grid=None, threshold_nats=np.inf)
     box = views.volume()
-    null = NullLevel.from_views(
-        views, box, unit, rng, progress=lambda share: progress(NULL_SHARE * share)
-    )
+    if null is None:
+        null = NullLevel.from_views(
+            views, box, unit, rng, progress=lambda share: progress(NULL_SHARE * share)
+        )
     proposals, grid = propose(views, box, unit, most=STARTS)
     columns = fit_columns(views, proposals.columns, unit, rng)
     plumes: list[Plume] = []
     left = views
     for start in columns:
-        if null.false_alarm(evidence(left, start)) > FALSE_ALARM:
+        if null.false_alarm(evidence(left, start)) > most_false_alarm:
             continue
         refined = refine_axis(left, start, unit)
         if refined is None:
             continue
         column, axis = refined
         false_alarm = null.false_alarm(evidence(left, column))
-        if false_alarm > FALSE_ALARM:
+        if false_alarm > most_false_alarm:
             continue
-        plumes.append(_plume(left, column, axis, locate_base(left, column, unit), false_alarm))
+        plumes.append(_plume(left, column, axis, unit, false_alarm))
         left = without(left, column)
     progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
     numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
-    return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=null.threshold(FALSE_ALARM))
+    return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=null.threshold(most_false_alarm))
 
 
 def evidence(views: Views, column: FloatArray) -> float:
@@ -101,23 +109,47 @@ def refine_axis(
     """Sights the axis and solves for it in turns; None where too few views see it."""
     axis = None
     for _ in range(REFINEMENTS):
-        axis = estimate_axis(views.trajectory, column, sight_axis(views, column), unit)
+        sightings = sight_axis(views, column)
+        origin = locate_base(views, column, unit).height
+        axis = estimate_axis(views.trajectory, column, sightings, unit, origin=origin)
         if axis is None:
             return None
-        column = column.copy()
-        column[[X, Y]] = axis.at(0.0)[0][:2]
-        column[[SLOPE_X, SLOPE_Y]] = axis.rise[:2]
+        column = _moved(column, axis.line)
     return None if axis is None else (column, axis)
 
 
+def _moved(column: FloatArray, line: FloatArray) -> FloatArray:
+    """The column with its axis on another line (x and y at its lowest point, slopes)."""
+    moved = column.copy()
+    moved[[X, Y, SLOPE_X, SLOPE_Y]] = line
+    return moved
+
+
+def locate_source(
+    views: Views, column: FloatArray, axis: AxisEstimate, unit: float
+) -> tuple[FloatArray, FloatArray]:
+    """(3,) source and its (3, 3) covariance.
+
+    An axis that stands a little elsewhere may meet another surface, or none; so the base is
+    sought along several lines that the sightings allow.
+    """
+    candidates = [_moved(column, line) for line in axis.spread()]
+    bases = [locate_base(views, candidate, unit) for candidate in candidates]
+    heights = np.array([[base.height] for base in bases])
+    points = spine(np.array(candidates), heights)[:, 0]
+    along = float(np.mean([base.sigma**2 for base in bases]))
+    covariance = np.cov(points.T, bias=True) + along * np.outer(axis.rise, axis.rise)
+    return points.mean(axis=0), covariance
+
+
 def _plume(
-    views: Views, column: FloatArray, axis: AxisEstimate, base: Base, false_alarm: float
+    views: Views, column: FloatArray, axis: AxisEstimate, unit: float, false_alarm: float
 ) -> Plume:
-    source, covariance = axis.at(base.height)
-    covariance = covariance + base.sigma**2 * np.outer(axis.rise, axis.rise)
+    base = locate_base(views, column, unit)
+    source, covariance = locate_source(views, column, axis, unit)
     heights = np.linspace(base.lowest_seen, base.highest_seen, RADIUS_SAMPLES)
     radii = column[RADIUS] + column[OPENING] * np.clip(heights, 0, None)
-    distances = (heights - base.height) * np.linalg.norm(axis.rise)
+    distances = (heights - (source[2] - axis.lowest)) * np.linalg.norm(axis.rise)
     saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
     return Plume(
         id=0,

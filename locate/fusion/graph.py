@@ -1,66 +1,58 @@
-"""The factor graph: camera poses and the points of a plume's axis, with their marginals.
+"""The factor graph: camera poses, the plume's sway and its mean axis, with their marginals.
 
-Each view measures where the axis lies across itself, and nothing along it, so the noise of a
-measurement is an ellipse in pixels, tight across the axis. Projection factors take that as it
-is; the tangent basis of a bearing factor turns with the prediction and cannot.
-
-Views close in time see the same sway of the plume, and a camera that moves on steadily cannot
-tell a slow sway from parallax. What that takes from the number of independent views is judged by
-the lag-one correlation of the whole plume, where the sway is largest; at the base the fit has
-already swallowed it.
+Each sighting is one number, the offset of the axis across itself in one view. It depends on the
+mean axis, on the pose of its view and on how the plume swayed at that moment. All three are
+variables here; the sway has one value per sighting and a joint prior that ties those near in
+time and height together, so views that saw the same sway do not count twice. The offsets are
+small, so the graph is linear; `refine_axis` sights the axis anew where the last solution lies.
 """
 
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, X
+from gtsam.symbol_shorthand import A, S, X
 
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
+from locate.fusion import column as columns
 from locate.fusion.axis import AxisSightings
-from locate.fusion.column import spine
+from locate.fusion.sway import design_matrix, estimate_sway
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
 FALLBACK_RANGE_SHARE = 0.002
-ALONG_AXIS_PX = 1e3
-HEIGHT_GAUGE_UNITS = 1e-3
-NODE_PRIOR_UNITS = 100.0
-NOISE_FLOOR_PX = 0.15
-STRONGEST_CORRELATION = 0.8
-FITTED_PER_NODE = 2
-LEAST_FREEDOM = 1.0
-WILD_SIGMAS = 3.0
-CAUCHY_K = 3.0
-FEWEST_VIEWS = 2
-FEWEST_SECTIONS = 2
-TILT = 0.2
+PLACE_PRIOR_UNITS = 100.0
+SLOPE_PRIOR = 0.2
+FEWEST_VIEWS = 3
+FEWEST_HEIGHTS = 2
+FEWEST_SIGHTINGS = 8
+LEAST_SWAY_PX = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisEstimate:
-    """The base and the highest point of the axis, and their joint covariance.
+    """The mean axis of a plume, a straight line.
 
     Attributes:
-        heights: (2,) of the points above the column's lowest point, along world Z.
-        points: (2, 3) in the world.
-        covariance: (6, 6) of both, lower first; their heights are fixed by definition.
+        lowest: World Z of the column's lowest point, from which heights count.
+        line: (4,) world X and Y of the axis there, and their slopes per unit of height.
+        covariance: (4, 4) of `line`.
     """
 
-    heights: FloatArray
-    points: FloatArray
+    lowest: float
+    line: FloatArray
     covariance: FloatArray
 
     def at(self, height: float) -> tuple[FloatArray, FloatArray]:
         """(3,) point of the axis at `height` and its (3, 3) covariance."""
-        share = (height - self.heights[0]) / (self.heights[1] - self.heights[0])
-        mix = np.hstack([(1 - share) * np.eye(3), share * np.eye(3)])
-        return mix @ self.points.ravel(), mix @ self.covariance @ mix.T
+        mix = np.zeros((3, 4))
+        mix[:2] = np.hstack([np.eye(2), height * np.eye(2)])
+        return mix @ self.line + [0, 0, self.lowest + height], mix @ self.covariance @ mix.T
 
     @property
     def rise(self) -> FloatArray:
         """(3,) the way along the axis per unit of height."""
-        return np.asarray((self.points[1] - self.points[0]) / np.ptp(self.heights))
+        return np.array([*self.line[2:], 1.0])
 
     @property
     def direction(self) -> FloatArray:
@@ -70,150 +62,104 @@ class AxisEstimate:
     @property
     def direction_sigma_rad(self) -> float:
         """Standard deviation of the direction's angle, rad (root mean square over azimuth)."""
-        length = np.linalg.norm(self.points[1] - self.points[0])
-        difference = np.hstack([-np.eye(3), np.eye(3)])
-        across = np.eye(3) - np.outer(self.direction, self.direction)
-        spread = across @ difference @ self.covariance @ difference.T @ across
-        return float(np.sqrt(np.trace(spread) / 2) / length)
+        across = (np.eye(3) - np.outer(self.direction, self.direction))[:, :2]
+        spread = across @ self.covariance[2:, 2:] @ across.T
+        return float(np.sqrt(np.trace(spread) / 2) / np.linalg.norm(self.rise))
+
+    def spread(self) -> FloatArray:
+        """(8, 4) equally likely lines with the mean and covariance of this one.
+
+        The points of the third-degree cubature rule (Arasaratnam and Haykin, IEEE TAC 2009).
+        """
+        values, vectors = np.linalg.eigh(self.covariance)
+        steps = 2 * (vectors * np.sqrt(np.maximum(values, 0))).T
+        return np.asarray(self.line + np.concatenate([steps, -steps]))
 
 
 def estimate_axis(
-    trajectory: Trajectory, column: FloatArray, sightings: AxisSightings, unit: float
+    trajectory: Trajectory,
+    column: FloatArray,
+    sightings: AxisSightings,
+    unit: float,
+    *,
+    origin: float = 0.0,
 ) -> AxisEstimate | None:
-    """Solves for the axis from what all views see of it.
-
-    The axis is a chain of points, from the base upwards: a plume leaves its source straight up,
-    give or take `TILT` per unit of height, and drifts anew in every section. So what sways high
-    up says little about the base, and the lowest section that is seen well says most.
+    """Solves for the mean axis from what all views see of it.
 
     Args:
         trajectory: V poses with their covariances; the camera of the sightings.
         column: (8,) the column that was sighted.
-        sightings: Where each view sees its axis.
+        sightings: Of its axis.
         unit: The yardstick of fusion, world units.
+        origin: Height of the source above the column's lowest point, where nothing sways.
 
     Returns:
-        The estimate, or None where fewer than two sections are seen by at least two views.
+        The estimate, or None where too few views or heights were sighted.
     """
-    measured = np.abs(sightings.normal).sum(axis=-1) > 0
-    seen = np.isfinite(sightings.pixel).all(axis=-1) & np.isfinite(sightings.residual_px)
-    seen = np.asarray(seen & measured)
-    sections = np.flatnonzero(seen.sum(axis=0) >= FEWEST_VIEWS)
-    if len(sections) < FEWEST_SECTIONS:
+    enough = (
+        len(sightings) >= FEWEST_SIGHTINGS
+        and len(np.unique(sightings.time_s)) >= FEWEST_VIEWS
+        and len(np.unique(sightings.height)) >= FEWEST_HEIGHTS
+    )
+    if not enough:
         return None
-    graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    heights = np.r_[0.0, sightings.heights[sections]]
-    _add_chain(graph, initial, column, heights, unit)
-    for i in np.flatnonzero(seen[:, sections].any(axis=1)):
-        _add_pose(graph, initial, trajectory, int(i), sightings.points[0])
-    independent = _independent_views(sightings.residual_px)
-    freedom = max(independent - FITTED_PER_NODE, LEAST_FREEDOM)
-    for node, section in enumerate(sections, start=1):
-        rows = np.flatnonzero(seen[:, section])
-        sigma = _scatter_px(sightings.residual_px[rows, section]) * np.sqrt(len(rows) / freedom)
-        for i in rows:
-            _add_sighting(graph, trajectory, sightings, (int(i), node, int(section)), sigma)
-    result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
-    ends = (0, len(sections))
-    keys = gtsam.KeyVector([L(node) for node in ends])
-    joint = gtsam.Marginals(graph, result).jointMarginalCovariance(keys)
+    seen = np.unique(sightings.view)
+    poses = {int(i): _pose_covariance(trajectory, int(i), column) for i in seen}
+    line = column[[columns.X, columns.Y, columns.SLOPE_X, columns.SLOPE_Y]]
+    upright = -np.array([0, 0, *line[2:]])
+    sigmas = np.array([PLACE_PRIOR_UNITS * unit] * 2 + [SLOPE_PRIOR] * 2)
+    prior = (upright, np.diag(1 / sigmas**2))
+    sway = estimate_sway(sightings, origin, unit, _poses_px2(sightings, poses), prior)
+    graph = gtsam.GaussianFactorGraph()
+    _add_prior(graph, A(0), upright, np.diag(sigmas**2))
+    least = LEAST_SWAY_PX**2 * np.eye(len(sightings))
+    _add_prior(graph, S(0), np.zeros(len(sightings)), sway.covariance_px2 + least)
+    for i, covariance in poses.items():
+        _add_prior(graph, X(i), np.zeros(6), covariance)
+        rows = np.flatnonzero(sightings.view == i)
+        graph.add(
+            gtsam.JacobianFactor(
+                A(0),
+                design_matrix(sightings)[rows],
+                X(i),
+                sightings.by_pose[rows],
+                S(0),
+                np.eye(len(sightings))[rows],
+                sightings.offset_px[rows],
+                gtsam.noiseModel.Diagonal.Sigmas(sway.sigma_px[rows]),
+            )
+        )
+    solution = graph.optimize()
+    covariance = gtsam.Marginals(graph, solution).marginalCovariance(A(0))
     return AxisEstimate(
-        heights=heights[list(ends)],
-        points=np.array([result.atPoint3(L(node)) for node in ends]),
-        covariance=np.asarray(joint.fullMatrix()),
+        lowest=float(column[columns.Z]),
+        line=line + solution.at(A(0)),
+        covariance=np.asarray(covariance),
     )
 
 
-def _scatter_px(offsets: FloatArray) -> float:
-    """Sigma of one view's offset, from the scatter over views, the wildest of them reined in."""
-    return float(np.hypot(_reined_in(offsets).std(), NOISE_FLOOR_PX))
-
-
-def _independent_views(residual_px: FloatArray) -> float:
-    """How many of the views err independently, by their lag-one correlation where it is real.
-
-    A mean and a trend were taken from few values, which hides correlation: the estimate is
-    corrected for that (Kendall, Biometrika 1954).
-
-    Args:
-        residual_px: (V, S) of the sections; where the plume sways most counts most.
-    """
-    seen = residual_px[np.isfinite(residual_px).any(axis=1)]
-    n = len(seen)
-    centred = np.stack([_reined_in(column) for column in seen.T], axis=1)
-    lag = float((centred[1:] * centred[:-1]).sum() / max((centred**2).sum(), 1e-12))
-    if lag < 1 / np.sqrt(n):
-        return float(n)
-    lag = min(lag + (1 + 4 * lag) / n, STRONGEST_CORRELATION)
-    return n * (1 - lag) / (1 + lag)
-
-
-def _reined_in(offsets: FloatArray) -> FloatArray:
-    """Centred, the wildest clipped; 0 where there is none."""
-    known = offsets[np.isfinite(offsets)]
-    if not len(known):
-        return np.zeros_like(offsets)
-    centred = np.nan_to_num(offsets - np.median(known))
-    typical = np.hypot(1.4826 * np.median(np.abs(known - np.median(known))), NOISE_FLOOR_PX)
-    return np.asarray(centred.clip(-WILD_SIGMAS * typical, WILD_SIGMAS * typical))
-
-
-def _add_chain(
-    graph: gtsam.NonlinearFactorGraph,
-    initial: gtsam.Values,
-    column: FloatArray,
-    heights: FloatArray,
-    unit: float,
+def _add_prior(
+    graph: gtsam.GaussianFactorGraph, key: int, mean: FloatArray, covariance: FloatArray
 ) -> None:
-    """Points of the axis at the (N,) heights, the base first, each above the one below it."""
-    points = spine(column[None], heights[None])[0]
-    wide = np.array([NODE_PRIOR_UNITS, NODE_PRIOR_UNITS, HEIGHT_GAUGE_UNITS]) * unit
-    graph.add(gtsam.PriorFactorPoint3(L(0), points[0], gtsam.noiseModel.Diagonal.Sigmas(wide)))
-    for node, point in enumerate(points):
-        initial.insert(L(node), point)
-    for node, rise in enumerate(np.diff(heights)):
-        sigmas = np.array([TILT * rise, TILT * rise, HEIGHT_GAUGE_UNITS * unit])
-        noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
-        step = np.array([0.0, 0.0, rise])
-        graph.add(gtsam.BetweenFactorPoint3(L(node), L(node + 1), step, noise))
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    unit_noise = gtsam.noiseModel.Unit.Create(len(mean))
+    graph.add(gtsam.JacobianFactor(key, whiten, whiten @ mean, unit_noise))
 
 
-def _add_pose(
-    graph: gtsam.NonlinearFactorGraph,
-    initial: gtsam.Values,
-    trajectory: Trajectory,
-    i: int,
-    target: FloatArray,
-) -> None:
-    center = trajectory.centers_in_world[i]
-    pose = gtsam.Pose3(gtsam.Rot3(trajectory.rotations[i].T), center)
+def _pose_covariance(trajectory: Trajectory, i: int, column: FloatArray) -> FloatArray:
+    """(6, 6) of world_from_cam; a usual one where the trajectory has none."""
     covariance = None if trajectory.covariances is None else trajectory.covariances[i]
-    if covariance is None or not np.isfinite(covariance).all():
-        shift = FALLBACK_RANGE_SHARE * float(np.linalg.norm(target - center))
-        covariance = np.diag(np.repeat([FALLBACK_ROTATION_RAD, shift], 3) ** 2)
-    noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
-    graph.add(gtsam.PriorFactorPose3(X(i), pose, noise))
-    initial.insert(X(i), pose)
+    if covariance is not None and np.isfinite(covariance).all():
+        return np.asarray(covariance)
+    distance = float(np.linalg.norm(column[:3] - trajectory.centers_in_world[i]))
+    sigmas = np.repeat([FALLBACK_ROTATION_RAD, FALLBACK_RANGE_SHARE * distance], 3)
+    return np.diag(sigmas**2)
 
 
-def _add_sighting(
-    graph: gtsam.NonlinearFactorGraph,
-    trajectory: Trajectory,
-    sightings: AxisSightings,
-    place: tuple[int, int, int],
-    sigma_px: float,
-) -> None:
-    """Adds what one view saw of one section; `place` is the view, the node and the section."""
-    i, node, section = place
-    across = sightings.normal[i, section]
-    along = np.array([across[1], -across[0]])
-    covariance = sigma_px**2 * np.outer(across, across)
-    covariance += ALONG_AXIS_PX**2 * np.outer(along, along)
-    noise = gtsam.noiseModel.Robust.Create(
-        gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY_K),
-        gtsam.noiseModel.Gaussian.Covariance(covariance),
+def _poses_px2(sightings: AxisSightings, poses: dict[int, FloatArray]) -> FloatArray:
+    """(N, N) covariance of the offsets that the poses' own leaves, px^2."""
+    turned = np.stack(
+        [poses[int(i)] @ j for i, j in zip(sightings.view, sightings.by_pose, strict=True)]
     )
-    K = trajectory.camera.matrix
-    calibration = gtsam.Cal3_S2(K[0, 0], K[1, 1], 0.0, K[0, 2], K[1, 2])
-    pixel = sightings.pixel[i, section]
-    graph.add(gtsam.GenericProjectionFactorCal3_S2(pixel, noise, X(i), L(node), calibration))
+    same = np.equal.outer(sightings.view, sightings.view)
+    return np.asarray(np.where(same, sightings.by_pose @ turned.T, 0.0))

@@ -50,15 +50,10 @@ class NullLevel:
         progress: Callable[[float], None],
     ) -> Self:
         """Draws `NULL_DRAWS` volumes from the run's own maps; tells `progress` the share done."""
-        width = views.llr.shape[2]
         strongest = []
         for draw in range(NULL_DRAWS):
             progress(draw / NULL_DRAWS)
-            shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
-            rolled = views.rolled([round(share * width) for share in shares])
-            proposals, _ = propose(rolled, box, unit, most=STARTS)
-            best = fit_columns(rolled, proposals.columns, unit, rng)[:1]
-            strongest.append(float(agreed(score(rolled, best)).max(initial=0.0)))
+            strongest.append(draw_strongest(views, box, unit, rng))
         return cls.fitted(strongest)
 
     @classmethod
@@ -76,3 +71,13 @@ class NullLevel:
     def threshold(self, false_alarm: float) -> float:
         """The strength that only the share `false_alarm` of such volumes reaches, nats."""
         return float(gumbel_r.isf(false_alarm, self.location, self.scale))
+
+
+def draw_strongest(views: Views, box: Box, unit: float, rng: np.random.Generator) -> float:
+    """The strongest column of one volume in which the views agree on nothing, nats."""
+    width = views.llr.shape[2]
+    shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
+    rolled = views.rolled([round(share * width) for share in shares])
+    proposals, _ = propose(rolled, box, unit, most=STARTS)
+    best = fit_columns(rolled, proposals.columns, unit, rng)[:1]
+    return float(agreed(score(rolled, best)).max(initial=0.0))

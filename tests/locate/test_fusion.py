@@ -1,12 +1,17 @@
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
-from locate.fusion.axis import sight_axis
+from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import score, spine, without
 from locate.fusion.fuse import fuse
 from locate.fusion.graph import estimate_axis
 from locate.fusion.proposals import best_interval
+from locate.fusion.sway import estimate_sway
+from locate.fusion.views import Views
 from locate.simulation.evidence import NONE, Corruption, Truth, corrupted_views, orbit, random_truth
 
 
@@ -80,6 +85,107 @@ def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
     point, covariance = axis.at(0.0)
     assert abs(point[0] - truth.source[0]) < 0.05
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+def offsets_of(sightings: AxisSightings, rate: float, rng: np.random.Generator) -> np.ndarray:
+    """Offsets of an upright plume that leans by `rate`, correlated over a second, plus noise."""
+    apart_s = np.abs(np.subtract.outer(sightings.time_s, sightings.time_s))
+    h = sightings.height
+    covariance = (rate * np.minimum.outer(h, h)) ** 2 * np.exp(-apart_s)
+    root = np.linalg.cholesky(covariance + 1e-9 * np.eye(len(h)))
+    sway = root @ rng.normal(size=(len(h), 2))
+    noise = rng.normal(size=len(h))
+    return np.asarray((sightings.by_shift * sway).sum(axis=1) + noise)
+
+
+@pytest.fixture(scope="module")
+def seen() -> tuple[np.ndarray, AxisSightings, Views]:
+    upright = replace(random_truth(np.random.default_rng(5)), slope=np.zeros(2))
+    views = corrupted_views(upright, orbit(16, 60), np.random.default_rng(0), NONE)
+    column = as_column(upright)
+    sightings = sight_axis(views, column)
+    return column, replace(sightings, sigma_px=np.ones(len(sightings))), views
+
+
+@pytest.mark.parametrize("rate", [0.005, 0.1])
+def test_stated_covariance_is_honest_for_calm_and_for_swaying_plumes(
+    seen: tuple[np.ndarray, AxisSightings, Views], rate: float
+) -> None:
+    column, sightings, views = seen
+    rng = np.random.default_rng(0)
+    nees = []
+    for _ in range(15):
+        drawn = replace(sightings, offset_px=offsets_of(sightings, rate, rng))
+        axis = estimate_axis(views.trajectory, column, drawn, views.unit)
+        assert axis is not None
+        error = axis.line[:2] - column[:2]
+        nees.append(error @ np.linalg.solve(axis.covariance[:2, :2], error) / 2)
+    assert 0.4 < np.mean(nees) < 1.8
+
+
+def test_sway_is_told_from_calm(seen: tuple[np.ndarray, AxisSightings, Views]) -> None:
+    _, sightings, views = seen
+    prior = (np.zeros(4), np.diag([1e-4, 1e-4, 25, 25]))
+    still = np.zeros((len(sightings), len(sightings)))
+    calm, swaying = (
+        np.mean(
+            [
+                estimate_sway(
+                    replace(sightings, offset_px=offsets_of(sightings, rate, rng)),
+                    0.0,
+                    views.unit,
+                    still,
+                    prior,
+                ).rate
+                for rng in map(np.random.default_rng, range(4))
+            ]
+        )
+        for rate in (0.005, 0.1)
+    )
+    assert calm < 0.02
+    assert 0.06 < swaying < 0.16
+
+
+def test_a_wild_sighting_loses_its_say(seen: tuple[np.ndarray, AxisSightings, Views]) -> None:
+    _, sightings, views = seen
+    offsets = offsets_of(sightings, 0.005, np.random.default_rng(2))
+    offsets[5] += 25
+    prior = (np.zeros(4), np.diag([1e-4, 1e-4, 25, 25]))
+    still = np.zeros((len(sightings), len(sightings)))
+    sway = estimate_sway(replace(sightings, offset_px=offsets), 0.0, views.unit, still, prior)
+    assert sway.sigma_px[5] > 4 * np.median(sway.sigma_px)
+
+
+def test_sightings_know_how_shifts_and_poses_move_them(
+    seen: tuple[np.ndarray, AxisSightings, Views],
+) -> None:
+    column, sightings, views = seen
+    row, step = 7, 1e-4
+    i = int(sightings.view[row])
+    trajectory = views.trajectory
+    point = spine(column[None], sightings.height[[row]][None])[0]
+    normal = np.array([1.0, 0.0])  # an upright axis, nearly: cameras here have no roll
+    normal *= np.sign(sightings.by_shift[row] @ trajectory.rotations[i][0, :2])
+    before = trajectory.project(i, point)[0]
+    for k in range(2):
+        after = trajectory.project(i, point + step * np.eye(3)[k])[0]
+        slope = normal @ (after - before) / step
+        assert sightings.by_shift[row, k] == pytest.approx(slope, abs=3)
+    for k in range(6):
+        turn, shift = (step * np.eye(6)[k]).reshape(2, 3)
+        in_cam = trajectory.world_to_cam(i, point) - shift
+        in_cam = in_cam @ cv2.Rodrigues(turn)[0]
+        slope = normal @ (trajectory.camera.project(in_cam)[0] - before) / step
+        assert sightings.by_pose[row, k] == pytest.approx(slope, abs=15)
+
+
+def test_silence_is_not_sighted(truth: Truth) -> None:
+    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+    column = as_column(truth)
+    silent = views.llr.copy()
+    silent[silent > 0] = 0.1
+    assert len(sight_axis(views, column)) > 20
+    assert len(sight_axis(replace(views, llr=silent), column)) == 0
 
 
 def test_wider_arc_is_surer(truth: Truth) -> None:
