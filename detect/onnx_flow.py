@@ -4,8 +4,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import onnxruntime
 
+from detect.network import open_session
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
 
@@ -26,17 +26,7 @@ class OnnxFlow:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        if not path.is_file():
-            raise BadInputError(f"{path}: no such flow network; give the path of an .onnx file")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.log_severity_level = 4
-        try:
-            self._session = onnxruntime.InferenceSession(
-                str(path), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # onnxruntime's errors share no base of their own
-            raise BadInputError(f"{path}: not a readable ONNX network") from error
+        self._session = open_session(path, "flow network")
         self._inputs = self._session.get_inputs()
         shapes = [tuple(node.shape) for node in self._inputs]
         channels = {(1, 2): 1, (1, 6): 3, (2, 1): 1, (2, 3): 3}

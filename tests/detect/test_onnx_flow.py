@@ -1,5 +1,3 @@
-"""Networks of one node, written as protobuf by hand: the `onnx` package is no dependency."""
-
 from pathlib import Path
 
 import numpy as np
@@ -7,32 +5,7 @@ import pytest
 
 from detect.flow import flow_method
 from geometry.errors import BadInputError
-
-Field = tuple[int, int | bytes]
-Size = int | str
-
-
-def message(*fields: Field) -> bytes:
-    """Protobuf: numbers as varints, everything else length-delimited."""
-    parts = []
-    for number, value in fields:
-        if isinstance(value, int):
-            parts.append(varint(number << 3) + varint(value))
-        else:
-            parts.append(varint(number << 3 | 2) + varint(len(value)) + value)
-    return b"".join(parts)
-
-
-def varint(value: int) -> bytes:
-    low, rest = value & 0x7F, value >> 7
-    return bytes([low]) if not rest else bytes([low | 0x80]) + varint(rest)
-
-
-def tensor(name: str, channels: int, height: Size = "h", width: Size = "w") -> bytes:
-    sizes = (1, channels, height, width)
-    dims = [message((2, n.encode()) if isinstance(n, str) else (1, n)) for n in sizes]
-    shape = message(*((1, dim) for dim in dims))
-    return message((1, name.encode()), (2, message((1, message((1, 1), (2, shape))))))
+from tests.detect.onnx_files import message, tensor
 
 
 def network(path: Path, inputs: list[bytes], names: list[str], operation: str) -> str:

@@ -1,0 +1,100 @@
+"""Teaches a network's file what its scores are worth.
+
+    python -m detect.dybs.calibrate NETWORK.onnx... --samples FOLDER
+
+FOLDER holds validation samples, as `detect.synthesis.render_dataset` writes them: of photos and
+flows that the network was not trained on. The files are written anew with the calibration in their
+metadata. Needs the `onnx` package (extra `train`).
+"""
+
+import argparse
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from detect.calibration import Calibration
+from detect.dybs.detector import CLASS_NAMES, SCORES, SingleFrame
+from detect.synthesis import Sample, shards_in
+from detect.texture import Texture
+from geometry.arrays import BoolArray
+from geometry.errors import BadInputError, LocateError
+
+PLUME_PX, STILL_PX = 0.06, 0.02
+"""Displacements above are positive, below negative; those between count as neither."""
+THINNED = 5
+
+
+def labels_of(sample: Sample) -> tuple[BoolArray, BoolArray]:
+    """(H, W) where there is refraction, and where a pixel counts as one or the other."""
+    size_px = np.linalg.norm(sample.displacement, axis=-1)
+    return size_px > PLUME_PX, (size_px > PLUME_PX) | (size_px < STILL_PX)
+
+
+def fitted(weights: Path, samples: Iterable[Sample]) -> Calibration:
+    """The calibration of a network on samples, every `THINNED`-th row and column of them.
+
+    What is flat is silent, whatever its noise may look like.
+    """
+    eye = SingleFrame(weights)
+    thin = (slice(None, None, THINNED),) * 2
+    parts = []
+    for sample in samples:
+        look = eye.look(sample.image)
+        positive, counts = (map_[thin] for map_ in labels_of(sample))
+        counts &= look.texture[thin] != Texture.FLAT
+        parts.append((look.scores[thin][counts], positive[counts], look.texture[thin][counts]))
+    scores, labels, classes = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Calibration.fit(
+        scores.astype(float), labels, classes, score_names=SCORES, class_names=CLASS_NAMES
+    )
+
+
+def calibrate(weights: Path, samples: Iterable[Sample]) -> Calibration:
+    """Fits a network's calibration and writes it into its file.
+
+    Args:
+        weights: The .onnx file, which is replaced.
+        samples: That neither the network was trained nor any figure is quoted on.
+
+    Raises:
+        BadInputError: The file is not a single-frame network.
+    """
+    import onnx
+
+    calibration = fitted(weights, samples)
+    model = onnx.load(weights)
+    props = {entry.key: entry.value for entry in model.metadata_props}
+    props["calibration"] = json.dumps(calibration.to_plain())
+    onnx.helper.set_model_props(model, props)
+    unfinished = weights.with_suffix(".unfinished")
+    try:
+        onnx.save(model, unfinished)
+        unfinished.replace(weights)
+    except OSError as error:
+        raise BadInputError(f"{weights}: cannot be written ({error})") from error
+    return calibration
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("networks", nargs="+", type=Path)
+    parser.add_argument("--samples", type=Path, required=True)
+    options = parser.parse_args(arguments)
+    cv2.setNumThreads(1)
+    try:
+        for path in options.networks:
+            samples = (s.sample(i) for s in shards_in(options.samples) for i in range(len(s)))
+            calibration = calibrate(path, samples)
+            for name in CLASS_NAMES:
+                scale = calibration.scales.get(name)
+                print(f"{path.name}, {name}: {scale or 'silent'}", flush=True)
+    except LocateError as error:
+        parser.exit(error.exit_code, f"{error}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from detect.detection import Frames
+from detect.dybs import DybsDetector
+from detect.dybs.demodulation import Demodulation
+from detect.dybs.detector import SingleFrame, joined
+from geometry.errors import BadInputError
+from tests.detect.onnx_files import convolution
+from tests.detect.test_demodulation import lattice, plume
+
+LATTICE_ONLY = {
+    "scores": ["logit", "waves"],
+    "classes": {"lattice": {"weights": [0.0, 3.0], "offset": -6.0, "prior": 0.1, "auroc": 0.95}},
+}
+
+
+def network(path: Path, **metadata: object) -> Path:
+    """Says that nothing moves, with a sigma of 1 px, and that its logit is the brightness."""
+    kernels = {
+        "displacement": np.zeros((2, 1, 1, 1)),
+        "log_variance": np.zeros((1, 1, 1, 1)),
+        "logit": np.ones((1, 1, 1, 1)),
+    }
+    return convolution(path, kernels, **{"calibration": LATTICE_ONLY, **metadata})
+
+
+@pytest.fixture
+def half_lattice() -> np.ndarray:
+    """Left a lattice behind a plume, right noise of the kind of nature."""
+    image = lattice(plume(192, 384, peak_px=0.6), [(0.12, 0.02), (-0.03, 0.11)])
+    image[:, 210:] = np.random.default_rng(0).integers(0, 255, (192, 174))
+    return image
+
+
+def test_a_plume_is_seen_on_the_lattice_and_nothing_elsewhere(tmp_path: Path) -> None:
+    truth = plume(peak_px=0.6)
+    image = lattice(truth, [(0.12, 0.02), (-0.03, 0.11)])
+    seen = DybsDetector(network(tmp_path / "n.onnx")).detect(Frames(images=[image]), 0)
+    size = np.linalg.norm(truth, axis=-1)
+    assert (seen.llr[size > 0.3] > 2).mean() > 0.95
+    assert (seen.llr[size < 0.01] > 0).mean() < 0.05
+    error = np.linalg.norm(seen.displacement - truth, axis=-1)
+    assert error[size > 0.3].mean() < 0.1
+
+
+def test_silence_is_complete(tmp_path: Path, half_lattice: np.ndarray) -> None:
+    seen = DybsDetector(network(tmp_path / "n.onnx")).detect(Frames(images=[half_lattice]), 0)
+    right = seen.llr[:, 290:]
+    assert not right.any()
+    assert np.isinf(seen.sigma_px[:, 290:]).all()
+    assert not seen.displacement[:, 290:].any()
+    assert (seen.llr[:, :150] != 0).mean() > 0.99
+
+
+def test_only_the_frame_itself_is_looked_at(tmp_path: Path, half_lattice: np.ndarray) -> None:
+    detector = DybsDetector(network(tmp_path / "n.onnx"))
+    alone = detector.detect(Frames(images=[half_lattice]), 0)
+    other = np.zeros_like(half_lattice)
+    among = detector.detect(Frames(images=[other, half_lattice]), 1)
+    np.testing.assert_array_equal(alone.llr, among.llr)
+
+
+def test_a_network_of_half_the_size_speaks_in_px_of_the_image(tmp_path: Path) -> None:
+    kernels = {
+        "displacement": np.full((2, 1, 1, 1), 0.3),
+        "log_variance": np.zeros((1, 1, 1, 1)),
+        "logit": np.ones((1, 1, 1, 1)),
+    }
+    image = np.random.default_rng(0).integers(254, 256, (75, 101), dtype=np.uint8)
+    for scale, size in ((1, 0.3), (0.5, 0.6)):
+        look = SingleFrame(convolution(tmp_path / "n.onnx", kernels, scale=scale)).look(image)
+        assert look.displacement.shape == (75, 101, 2)
+        np.testing.assert_allclose(look.displacement, size, rtol=0.01)
+        np.testing.assert_allclose(look.sigma_px, 1 / scale, rtol=0.01)
+
+
+def test_joining_weighs_by_information() -> None:
+    network_says = np.zeros((1, 3, 2), np.float32)
+    log_variance = np.log(np.full((1, 3), 0.01, np.float32))
+    waves = Demodulation(
+        displacement=np.ones((1, 3, 2), np.float32),
+        information=np.array([[[0, 0, 0], [100, 0, 100], [100, 0, 0]]], np.float32),
+    )
+    best, sigma_px = joined(network_says, log_variance, waves)
+    np.testing.assert_allclose(best[0], [[0, 0], [0.5, 0.5], [0.5, 0]], atol=1e-6)
+    np.testing.assert_allclose(sigma_px[0] ** 2, [0.01, 0.005, 0.0075], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"calibration": "null"}, "not a calibration"),
+        ({"calibration": {"scores": ["logit"], "classes": {}}}, "calibrate it anew"),
+        ({"scale": 0}, "not a single-frame network"),
+    ],
+)
+def test_a_network_that_is_not_calibrated_says_so(
+    tmp_path: Path, metadata: dict, message: str
+) -> None:
+    with pytest.raises(BadInputError, match=message):
+        DybsDetector(network(tmp_path / "n.onnx", **metadata))
+
+
+def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
+    path = convolution(tmp_path / "n.onnx", {"displacement": np.ones((2, 1, 1, 1))})
+    with pytest.raises(BadInputError, match="not a single-frame network"):
+        DybsDetector(path)
+
+
+def test_calibrating_writes_what_the_detector_reads(tmp_path: Path) -> None:
+    pytest.importorskip("onnx")
+    from detect.dybs.calibrate import calibrate
+    from detect.synthesis import Recipe, Sources, sample_at
+
+    path = network(tmp_path / "n.onnx", calibration="null")
+    recipe = Recipe(families={"sinusoid": 1}, split="validation", peak_px=(0.3, 0.9), negatives=0.2)
+    samples = [sample_at(index, recipe, Sources()) for index in range(20)]
+    calibration = calibrate(path, samples)
+    assert set(calibration.scales) == {"lattice"}
+    assert calibration.scales["lattice"].weights[1] > 0.5
+    detector = DybsDetector(path)
+    seen = detector.detect(Frames(images=[samples[0].image]), 0)
+    assert (seen.llr != 0).mean() > 0.9
+    assert SingleFrame(path).network.name == "tiny"
