@@ -1,0 +1,63 @@
+"""`locate robot`: plumes found live on a robot."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from locate.commands.console import Output, err, out
+from locate.journal import progress_bars
+
+robot = typer.Typer(
+    name="robot", help="Find plumes live, on a robot.", no_args_is_help=True, add_completion=False
+)
+
+
+@robot.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def ros2(context: typer.Context) -> None:
+    """Run the ROS 2 node; what follows goes to ROS, such as --ros-args -r image:=/camera/image.
+
+    The parameters, topics and services are in docs/robot.md.
+    """
+    from locate.robot.ros2 import main
+
+    main(context.args)
+
+
+@robot.command()
+def bag(
+    recording: Annotated[
+        Path, typer.Argument(help="A .mcap, .db3 or .bag file, or the folder of a ROS 2 bag.")
+    ],
+    output: Output,
+    image_topic: Annotated[
+        str | None, typer.Option(help="Of the images; needed where the bag has several.")
+    ] = None,
+    info_topic: Annotated[
+        str | None, typer.Option(help="Of the camera_info; else the one beside the images.")
+    ] = None,
+    pose_topic: Annotated[
+        str | None, typer.Option(help="Odometry or a pose; else TF if it is there.")
+    ] = None,
+    world_frame: Annotated[str, typer.Option(help="Frame of the map, Z up.")] = "map",
+    body_frame: Annotated[
+        str, typer.Option(help="Frame that the pose is of; else the odometry's child frame.")
+    ] = "",
+    rectified: Annotated[
+        bool, typer.Option("--rectified", help="The images are rectified already.")
+    ] = False,
+) -> None:
+    """Play a robot's recording into the locator: map.json, and plumes/plumes.mcap for a viewer."""
+    from locate.export.table import map_table
+    from locate.robot.bags import Topics, locate_in_bag
+    from locate.robot.feeder import Wiring
+
+    with progress_bars(err) as report:
+        plume_map = locate_in_bag(
+            recording,
+            output,
+            topics=Topics(image=image_topic, camera_info=info_topic, pose=pose_topic),
+            wiring=Wiring(world_frame=world_frame, body_frame=body_frame, rectified=rectified),
+            report=report,
+        )
+    out.print(map_table(plume_map))

@@ -1,0 +1,234 @@
+"""Recordings of robots (ROS 2 .mcap and .db3, ROS 1 .bag): played, and what was found written."""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from detect.detection import Detector
+from geometry.errors import BadInputError
+from locate.journal import Report, silent
+from locate.plume import PlumeMap
+from locate.robot.feeder import Feeder, PoseSource, Wiring
+from locate.robot.messages import Messages
+from locate.robot.tracks import State, Update
+from locate.run_folder import remove
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+INFO = "sensor_msgs/msg/CameraInfo"
+TF = "tf2_msgs/msg/TFMessage"
+OLD_TF = "tf/msg/tfMessage"
+POSES: dict[str, PoseSource] = {
+    "nav_msgs/msg/Odometry": "odometry",
+    "geometry_msgs/msg/PoseWithCovarianceStamped": "pose",
+    "geometry_msgs/msg/PoseStamped": "pose",
+}
+SUFFIXES = (".bag", ".mcap", ".db3")
+MARKERS, POINTS = "/locate/markers", "/locate/points"
+
+
+def is_bag(path: Path) -> bool:
+    """True for a .bag, .mcap or .db3 file, and for a ROS 2 bag's folder."""
+    return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topics:
+    """Which topics of a bag are used; None takes the only one that fits.
+
+    Attributes:
+        image: Of `Image` or `CompressedImage`.
+        camera_info: Of `CameraInfo`; if there are several, the one beside the images.
+        pose: Of `Odometry`, `PoseWithCovarianceStamped` or `PoseStamped`; ``"tf"`` takes TF.
+    """
+
+    image: str | None = None
+    camera_info: str | None = None
+    pose: str | None = None
+
+
+@contextmanager
+def opened(path: Path) -> Iterator["AnyReader"]:
+    """The bag, opened.
+
+    Raises:
+        BadInputError: The extra `bag` is not installed, or it is no bag that can be read.
+    """
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.rosbag2 import ReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise BadInputError('bags need an extra: pip install "plume-locate[bag]"') from error
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except (AnyReaderError, ReaderError, OSError) as error:
+        raise BadInputError(f"{path}: not a bag that can be read ({error})") from error
+
+
+def locate_in_bag(
+    path: Path,
+    output: Path,
+    *,
+    topics: Topics,
+    wiring: Wiring,
+    detector: Detector | None = None,
+    report: Report = silent,
+) -> PlumeMap:
+    """Plays a bag into a `Locator`; writes map.json and a bag of what it said, plumes/plumes.mcap.
+
+    Args:
+        path: The bag.
+        output: A folder; made where it is missing.
+        topics: Of the bag.
+        wiring: How the robot's frames hang together; its pose source is set by `topics`.
+        detector: None takes that of the `Locator`.
+        report: Told how far it is.
+
+    Raises:
+        BadInputError: The bag cannot be read, or does not hold what is needed.
+    """
+    with opened(path) as reader:
+        play = _Play(reader, path, topics)
+        feeder = Feeder(play.wired(wiring), detector=detector, threaded=False)
+        news = list(play.feed(feeder, report))
+        if feeder.locator is None or not feeder.locator.counts.key_frames:
+            raise BadInputError(f"{path}: nothing could be looked at ({feeder.trouble()})")
+        news += feeder.locator.finish()
+    output.mkdir(parents=True, exist_ok=True)
+    plume_map = feeder.locator.plume_map()
+    plume_map.save(output / "map.json")
+    write_updates(output / "plumes", news, frame_id=wiring.world_frame)
+    return plume_map
+
+
+class _Play:
+    """The connections of a bag that matter, and what takes their messages."""
+
+    def __init__(self, reader: "AnyReader", path: Path, topics: Topics) -> None:
+        self._reader = reader
+        self._path = path
+        self._image = self._only(topics.image, IMAGES, "--image-topic")
+        beside = self._image.rsplit("/", 1)[0] + "/camera_info"
+        near = beside if beside in reader.topics else None
+        self._info = self._only(topics.camera_info or near, (INFO,), "--info-topic")
+        self._pose = self._pose_topic(topics.pose)
+
+    def _only(self, wanted: str | None, kinds: tuple[str, ...], option: str) -> str:
+        fitting = sorted({c.topic for c in self._reader.connections if c.msgtype in kinds})
+        if wanted is not None and wanted in fitting:
+            return wanted
+        if wanted is None and len(fitting) == 1:
+            return fitting[0]
+        what = "holds no such topic" if not fitting else f"choose one of {', '.join(fitting)}"
+        asked = "" if wanted is None else f" {wanted}"
+        raise BadInputError(f"{self._path}: {option}{asked}: {what}")
+
+    def _pose_topic(self, wanted: str | None) -> str:
+        has_tf = any(c.msgtype in (TF, OLD_TF) for c in self._reader.connections)
+        if has_tf and wanted in (None, "tf"):
+            return "tf"
+        return self._only(wanted, tuple(POSES), "--pose-topic")
+
+    def wired(self, wiring: Wiring) -> Wiring:
+        """The wiring with the pose source that the topic means."""
+        if self._pose == "tf":
+            return replace(wiring, pose_source="tf")
+        kind = next(c.msgtype for c in self._reader.connections if c.topic == self._pose)
+        return replace(wiring, pose_source=POSES[kind])
+
+    def _takers(self, feeder: Feeder) -> dict[str, Callable[[Any], None]]:
+        """By topic, what takes its messages."""
+        takers: dict[str, Callable[[Any], None]] = {
+            self._image: feeder.image,
+            self._info: feeder.info,
+        }
+        for connection in self._reader.connections:
+            if connection.msgtype in (TF, OLD_TF):
+                static = connection.topic.endswith("tf_static")
+                takers[connection.topic] = feeder.static_transforms if static else feeder.transforms
+        if self._pose != "tf":
+            takers[self._pose] = feeder.body_pose
+        return takers
+
+    def _decoded(self, feeder: Feeder, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+        """Topic, time (ns) and message, in order; what cannot be decoded is counted."""
+        from rosbags.highlevel import AnyReaderError
+
+        chosen = [c for c in self._reader.connections if c.topic in topics]
+        for connection, time_ns, data in self._reader.messages(connections=chosen):
+            try:
+                message = self._reader.deserialize(data, connection.msgtype)
+            except AnyReaderError as error:
+                feeder.refuse("message", BadInputError(f"{connection.topic}: {error}"))
+                continue
+            yield connection.topic, time_ns, message
+
+    def feed(self, feeder: Feeder, report: Report) -> Iterator[Update]:
+        """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
+        takers = self._takers(feeder)
+        static = [topic for topic in takers if topic.endswith("tf_static")]
+        if static:
+            for topic, _, message in self._decoded(feeder, static):
+                takers[topic](message)
+        for _, _, message in self._decoded(feeder, [self._info]):
+            feeder.info(message)
+            if feeder.locator is not None:
+                break
+        start_ns, length_ns = self._reader.start_time, max(self._reader.duration, 1)
+        for topic, time_ns, message in self._decoded(feeder, takers):
+            takers[topic](message)
+            report("bag", (time_ns - start_ns) / length_ns)
+            if feeder.locator is not None:
+                yield from feeder.locator.updates()
+        report("bag", 1.0)
+
+
+def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> Path:
+    """Writes a ROS 2 bag of markers, points and sources as MCAP; one that stands is replaced.
+
+    Args:
+        folder: The bag, a folder; the file in it has its name.
+        updates: In the order in which they became known.
+        frame_id: Of the world.
+
+    Returns:
+        The .mcap file.
+
+    Raises:
+        BadInputError: Something else stands there.
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    if folder.exists() and not is_bag(folder):
+        raise BadInputError(f"{folder}: is not a bag; remove it or choose another output")
+    types = get_typestore(Stores.LATEST)
+    messages = Messages(types.types.__getitem__, frame_id, octets=np.ascontiguousarray)
+    remove(folder)
+    known: dict[int, Update] = {}
+    connections: dict[str, Connection] = {}
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+
+        def write(topic: str, message: Any, stamp_ns: int) -> None:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=types)
+            writer.write(connections[topic], stamp_ns, types.serialize_cdr(message, kind))
+
+        for update in updates:
+            known[update.plume.id] = update
+            write(MARKERS, messages.markers(known.values(), update.stamp_ns), update.stamp_ns)
+            write(POINTS, messages.cloud(known.values(), update.stamp_ns), update.stamp_ns)
+            if update.state == State.CONFIRMED:
+                leak = f"/locate/leak_{update.plume.id}"
+                write(leak, messages.source(update), update.stamp_ns)
+    return folder / f"{folder.name}.mcap"

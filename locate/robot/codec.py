@@ -1,0 +1,242 @@
+"""Image and camera messages as every transport carries them, to arrays and cameras.
+
+Messages are taken by their fields, so those of rclpy, rosbags and cyclonedds all serve.
+"""
+
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.arrays import GreyImage
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from locate.robot.poses import NS
+
+MOST_PIXELS = 1 << 28
+FEWEST_BITS, MOST_BITS = 10, 16
+
+_COLOURS = {
+    "bgr": cv2.COLOR_BGR2GRAY,
+    "rgb": cv2.COLOR_RGB2GRAY,
+    "bgra": cv2.COLOR_BGRA2GRAY,
+    "rgba": cv2.COLOR_RGBA2GRAY,
+}
+_MOSAICS = {
+    "bayer_rggb": cv2.COLOR_BayerRGGB2GRAY,
+    "bayer_bggr": cv2.COLOR_BayerBGGR2GRAY,
+    "bayer_gbrg": cv2.COLOR_BayerGBRG2GRAY,
+    "bayer_grbg": cv2.COLOR_BayerGRBG2GRAY,
+}
+_RAW = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "16UC1": "mono16", "16UC3": "bgr16"}
+_LUMA_FIRST = {
+    "yuyv": True,
+    "yuv422_yuy2": True,
+    "uyvy": False,
+    "yuv422": False,
+}
+_DISTORTIONS = {
+    "plumb_bob": (5, "FULL_OPENCV"),
+    "rational_polynomial": (8, "FULL_OPENCV"),
+    "equidistant": (4, "OPENCV_FISHEYE"),
+}
+
+
+class Header(Protocol):
+    """`std_msgs/Header`."""
+
+    stamp: Any
+    frame_id: str
+
+
+class ImageMessage(Protocol):
+    """`sensor_msgs/Image`."""
+
+    header: Header
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: Any
+    step: int
+    data: Any
+
+
+class CompressedImageMessage(Protocol):
+    """`sensor_msgs/CompressedImage`."""
+
+    header: Header
+    format: str
+    data: Any
+
+
+def stamp_ns(header: Header) -> int:
+    """When, ns; the fields of ROS 2 and ROS 1 differ in name."""
+    stamp = header.stamp
+    seconds = stamp.sec if hasattr(stamp, "sec") else stamp.secs
+    rest = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsecs
+    return int(seconds) * NS + int(rest)
+
+
+class GreyReader:
+    """Reads the image messages of one stream in grey.
+
+    Of 16-bit samples it keeps the 8 bits below the highest that the stream has ever used (10, 12,
+    14 or 16), so that the brightness does not flicker from frame to frame.
+    """
+
+    def __init__(self) -> None:
+        self._bits = FEWEST_BITS
+
+    def read(self, message: Any) -> GreyImage:
+        """The (H, W) uint8 image of an `Image` or a `CompressedImage`.
+
+        Raises:
+            BadInputError: The encoding is not known, or the data is not what the header says.
+        """
+        image = decompressed(message) if hasattr(message, "format") else unpacked(message)
+        return self._in_8_bits(image)
+
+    def _in_8_bits(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> GreyImage:
+        if image.dtype == np.uint8:
+            return np.ascontiguousarray(image, dtype=np.uint8)
+        used = int(image.max(initial=0)).bit_length()
+        self._bits = min(max(self._bits, 2 * -(-used // 2)), MOST_BITS)
+        return np.asarray(image >> (self._bits - 8), dtype=np.uint8)
+
+
+def unpacked(message: ImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The (H, W) grey samples of an uncompressed image, uint8 or native uint16.
+
+    Raises:
+        BadInputError: See `GreyReader.read`.
+    """
+    encoding = _RAW.get(message.encoding, message.encoding)
+    if encoding in _LUMA_FIRST:
+        pairs = _rows(message, channels=2, bits=8)
+        return np.ascontiguousarray(pairs[..., 0 if _LUMA_FIRST[encoding] else 1])
+    kind, bits = _kind_and_bits(encoding)
+    if kind == "mono":
+        return _rows(message, channels=1, bits=bits)[..., 0]
+    if kind in _MOSAICS:
+        mosaic = np.ascontiguousarray(_rows(message, channels=1, bits=bits)[..., 0])
+        if min(mosaic.shape) < 4:
+            raise BadInputError(f"image of {mosaic.shape} is too small for {encoding}")
+        return np.asarray(cv2.cvtColor(mosaic, _MOSAICS[kind]))
+    if kind in _COLOURS:
+        colours = np.ascontiguousarray(_rows(message, channels=len(kind), bits=bits))
+        return np.asarray(cv2.cvtColor(colours, _COLOURS[kind]))
+    raise BadInputError(f"image encoding {message.encoding!r} is not supported")
+
+
+def decompressed(message: CompressedImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The (H, W) grey samples of a JPEG or PNG message.
+
+    Raises:
+        BadInputError: See `GreyReader.read`.
+    """
+    if "compresseddepth" in message.format.lower():
+        raise BadInputError("compressed depth is no picture; give the topic of a camera")
+    data = _as_bytes(message.data)
+    try:
+        image = (
+            cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if len(data) else None
+        )
+    except cv2.error as error:
+        raise BadInputError(f"compressed image cannot be read ({error.err})") from error
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        raise BadInputError(f"compressed image ({message.format!r}) cannot be read")
+    return np.asarray(image)
+
+
+def _kind_and_bits(encoding: str) -> tuple[str, int]:
+    for bits in (16, 8):
+        if encoding.endswith(str(bits)):
+            return encoding.removesuffix(str(bits)), bits
+    return encoding, 8
+
+
+def _as_bytes(data: Any) -> NDArray[np.uint8]:
+    if isinstance(data, (list, tuple)):
+        return np.asarray(data, dtype=np.uint8)
+    return np.frombuffer(data, dtype=np.uint8)
+
+
+def _rows(message: ImageMessage, *, channels: int, bits: int) -> NDArray[Any]:
+    """(H, W, channels) samples without the padding of the rows, in the machine's byte order."""
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    row_bytes = width * channels * (bits // 8)
+    data = _as_bytes(message.data)
+    if height <= 0 or width <= 0 or height * width > MOST_PIXELS:
+        raise BadInputError(f"image of {width}x{height} px has no usable size")
+    if step < row_bytes or len(data) < step * (height - 1) + row_bytes:
+        raise BadInputError(
+            f"image of {width}x{height} px {message.encoding} needs rows of {row_bytes} bytes: "
+            f"step is {step}, data {len(data)} bytes"
+        )
+    rows = np.lib.stride_tricks.as_strided(
+        data, shape=(height, row_bytes), strides=(step, 1), writeable=False
+    )
+    if bits == 8:
+        return rows.reshape(height, width, channels)
+    order = ">u2" if message.is_bigendian else "<u2"
+    samples = np.ascontiguousarray(rows).view(order).astype(np.uint16)
+    return samples.reshape(height, width, channels)
+
+
+def camera_from_info(message: Any, *, rectified: bool = False) -> Camera:
+    """The camera of a `sensor_msgs/CameraInfo`, binning and region of interest applied.
+
+    Args:
+        message: Of ROS 2 or ROS 1.
+        rectified: The images are rectified: the projection matrix holds, without distortion.
+
+    Raises:
+        BadInputError: It is not calibrated, or its distortion model is not known.
+    """
+    matrix = np.array(_field(message, "p" if rectified else "k"), dtype=float).reshape(3, -1)
+    if not matrix[0, 0] > 0 or not matrix[1, 1] > 0:
+        raise BadInputError("camera_info has no focal length: calibrate the camera")
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    roi = message.roi
+    across, down = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
+    width, height = int(roi.width) or int(message.width), int(roi.height) or int(message.height)
+    focal_and_centre = (
+        fx / across,
+        fy / down,
+        (cx - roi.x_offset + 0.5) / across - 0.5,
+        (cy - roi.y_offset + 0.5) / down - 0.5,
+    )
+    distortion = np.zeros(0) if rectified else np.array(_field(message, "d"), dtype=float)
+    model, more = _distortion(message.distortion_model, distortion)
+    params = (*focal_and_centre, *more)
+    return Camera(
+        model=model,
+        width=width // across,
+        height=height // down,
+        params=tuple(float(value) for value in params),
+    )
+
+
+def _field(message: Any, name: str) -> Any:
+    """A field that ROS 1 writes in capitals."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+
+
+def _distortion(name: str, coefficients: NDArray[np.float64]) -> tuple[str, tuple[float, ...]]:
+    """COLMAP's model, and its parameters after the principal point."""
+    if not coefficients.any():
+        return "PINHOLE", ()
+    if name not in _DISTORTIONS:
+        known = ", ".join(_DISTORTIONS)
+        raise BadInputError(f"distortion model {name!r} is not supported, only {known}")
+    count, model = _DISTORTIONS[name]
+    if len(coefficients) > count and coefficients[count:].any():
+        raise BadInputError(f"{name} takes {count} coefficients, got {len(coefficients)}")
+    values = np.zeros(count)
+    values[: min(count, len(coefficients))] = coefficients[:count]
+    if model == "OPENCV_FISHEYE":
+        return model, tuple(values)
+    if not values[4:].any():
+        return "OPENCV", tuple(values[:4])
+    return model, (*values, *np.zeros(8 - count))

@@ -1,0 +1,66 @@
+"""The part of the pose errors that all views of a window share: odometry that has drifted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import gtsam
+import numpy as np
+
+from geometry.arrays import FloatArray
+from locate.robot.poses import StampedPose
+
+LEAST_OWN_SHARE = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class SharedError:
+    """An error of the world frame itself, as the surest pose of a window states it.
+
+    What an odometry has drifted until a window began moves everything the window sees; averaging
+    over views must not shrink it. What is left to each view is its covariance less that part, at
+    least `LEAST_OWN_SHARE` of it.
+
+    Attributes:
+        pose: The pose with the smallest position covariance; None where none is known.
+    """
+
+    pose: StampedPose | None
+
+    @classmethod
+    def of(cls, poses: Sequence[StampedPose]) -> Self:
+        """The error that these poses share."""
+        known = [pose for pose in poses if np.isfinite(pose.covariance).all()]
+        surest = min(known, key=lambda pose: float(np.trace(pose.covariance[3:, 3:])), default=None)
+        return cls(pose=surest)
+
+    def taken_out(self, poses: Sequence[StampedPose]) -> list[StampedPose]:
+        """The poses with what is left of their covariances."""
+        return [replace(pose, covariance=self._own(pose)) for pose in poses]
+
+    def _own(self, pose: StampedPose) -> FloatArray:
+        if self.pose is None or not np.isfinite(pose.covariance).all():
+            return pose.covariance
+        between = np.linalg.inv(pose.world_from_cam) @ self.pose.world_from_cam
+        moved = np.asarray(gtsam.Pose3(between).AdjointMap())
+        shared = moved @ self.pose.covariance @ moved.T
+        return _left(pose.covariance, shared)
+
+    def at_point(self, point_in_world: FloatArray) -> FloatArray:
+        """(3, 3) covariance that the shared error gives a point of the world, m squared."""
+        if self.pose is None:
+            return np.zeros((3, 3))
+        rotation = self.pose.world_from_cam[:3, :3]
+        x, y, z = rotation.T @ (point_in_world - self.pose.center_in_world)
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        jacobian = rotation @ np.hstack([-cross, np.eye(3)])
+        return np.asarray((1 - LEAST_OWN_SHARE) * jacobian @ self.pose.covariance @ jacobian.T)
+
+
+def _left(whole: FloatArray, shared: FloatArray) -> FloatArray:
+    """`whole - shared`, kept between `LEAST_OWN_SHARE` and all of `whole` in every direction."""
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors * np.sqrt(np.maximum(values, 1e-18))
+    unrooted = vectors / np.sqrt(np.maximum(values, 1e-18))
+    share, axes = np.linalg.eigh(np.eye(6) - unrooted.T @ shared @ unrooted)
+    return np.asarray(root @ axes @ np.diag(share.clip(LEAST_OWN_SHARE, 1)) @ axes.T @ root.T)

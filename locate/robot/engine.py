@@ -1,0 +1,150 @@
+"""Looks at one key frame after the other; decides by the evidence of the last what is there."""
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+
+from detect.detection import Detector
+from detect.registered.detector import silent
+from geometry.arrays import FloatArray
+from geometry.errors import BadInputError
+from geometry.grid import lever_gate
+from locate.fusion.column import HEIGHT, spine
+from locate.fusion.fuse import fuse
+from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
+from locate.fusion.views import Views
+from locate.plume import Plume
+from locate.robot.drift import SharedError
+from locate.robot.poses import as_trajectory
+from locate.robot.settings import Settings
+from locate.robot.tracks import Span, State, Tracks, Update, as_column
+from locate.robot.window import EvidenceWindow, FrameWindow, Task
+
+CANDIDATE_FALSE_ALARM = 0.3
+FEWEST_VIEWS = 4
+FEWEST_LOOKS = 3
+SHARE_IN_SIGHT = 0.6
+SPINE_POINTS = 9
+NULL_GROWTH = 1.35
+BACKGROUND_STEP = 16
+
+
+class Engine:
+    """The part of a `Locator` that computes; one thread at a time may use it.
+
+    Args:
+        detector: Looks at the frames.
+        settings: How much is kept, and how often is decided.
+
+    Attributes:
+        tracks: The plumes so far.
+        inverse_depth: Typical of the background in the latest frame, 1 / m.
+        background_in_world: (N, 3) points of the scene that the window looks at.
+    """
+
+    def __init__(self, detector: Detector, settings: Settings) -> None:
+        self._detector = detector
+        self._settings = settings
+        self._rng = np.random.default_rng(settings.seed)
+        self.tracks = Tracks(independent=not settings.drift)
+        self.inverse_depth = 1 / settings.expected_range_m
+        self.background_in_world = np.zeros((0, 3))
+        self._evidence = EvidenceWindow(most=settings.views_kept)
+        self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
+        self._undecided = 0
+        self._window: FrameWindow | None = None
+
+    def look(self, task: Task) -> list[Update]:
+        """Looks at a key frame; decides where enough views have come in since the last time.
+
+        A frame in which the detector finds nothing to measure says nothing. The first frame of
+        another window ends what was summed so far; the tracks stay.
+        """
+        if task.window is not self._window:
+            self._window, self._undecided = task.window, 0
+            self._evidence.clear()
+            self._null.clear()
+            self.tracks.settle()
+        try:
+            detection = self._detector.detect(task.frames, task.row)
+        except BadInputError:
+            detection = silent(task.key.image.shape)
+        self._evidence.add(task, detection)
+        self._undecided += 1
+        if detection.inverse_depth is not None:
+            known = detection.inverse_depth[detection.inverse_depth > 0]
+            if known.size:
+                self.inverse_depth = float(np.median(known))
+        if self._undecided < self._settings.views_a_decision:
+            return []
+        return self.decide()
+
+    def decide(self) -> list[Update]:
+        """Fuses the window and follows the plumes, where enough views are there and one is new."""
+        if not self._undecided or len(self._evidence) < FEWEST_VIEWS:
+            return []
+        self._undecided = 0
+        poses, numbers = self._evidence.poses(), self._evidence.numbers
+        shared = SharedError.of(poses if self._settings.drift else [])
+        views = self._evidence.views()
+        own = as_trajectory(shared.taken_out(poses), numbers, views.trajectory.camera)
+        views = replace(views, trajectory=own)
+        if np.isnan(views.unit):
+            return []
+        self.background_in_world = views.background_in_world(step=BACKGROUND_STEP)
+        fused = fuse(
+            views,
+            seed=self._settings.seed,
+            null=self._null_level(views),
+            most_false_alarm=CANDIDATE_FALSE_ALARM,
+        )
+        span = Span(
+            first=numbers[0], last=numbers[-1], stamp_ns=max(pose.stamp_ns for pose in poses)
+        )
+        return self.tracks.update(
+            [_with_shared(plume, shared) for plume in fused.plumes],
+            span,
+            unit=views.unit,
+            looked_at=lambda plume: looks(views, as_column(plume)) >= FEWEST_LOOKS,
+        )
+
+    def _null_level(self, views: Views) -> NullLevel:
+        """What chance makes of the window: one new draw a decision, all anew while it grows.
+
+        Draws of far fewer views than there are now would set the level too low.
+        """
+        count, box = len(views), views.volume()
+        while self._null and self._null[0][0] * NULL_GROWTH < count:
+            self._null.popleft()
+        missing = max(self._settings.null_draws - len(self._null), 1)
+        for _ in range(missing):
+            self._null.append((count, draw_strongest(views, box, views.unit, self._rng)))
+        return NullLevel.fitted([strength for _, strength in self._null])
+
+    @property
+    def confirmed(self) -> list[Plume]:
+        """The confirmed plumes, strongest evidence first."""
+        plumes = [track.shown for track in self.tracks.all if track.state == State.CONFIRMED]
+        return sorted(plumes, key=lambda plume: -plume.evidence_nats)
+
+
+def _with_shared(plume: Plume, shared: SharedError) -> Plume:
+    covariance = plume.source_covariance + shared.at_point(plume.source)
+    return replace(plume, source_covariance=covariance)
+
+
+def looks(views: Views, column: FloatArray) -> int:
+    """How many views have most of a column in the frame, before a background that shows it."""
+    heights = np.linspace(0, column[HEIGHT], SPINE_POINTS)
+    points = spine(column[None], heights[None])[0]
+    height, width = views.llr.shape[1:]
+    count = 0
+    for i in range(len(views)):
+        in_cam = views.trajectory.world_to_cam(i, points)
+        pixel = np.rint(views.trajectory.camera.project(in_cam))
+        inside = np.all((pixel >= 0) & (pixel < [width, height]), axis=1)
+        x, y = np.where(inside[:, None], pixel, 0).astype(int).T
+        gate = lever_gate(in_cam[:, 2].astype(np.float32), views.inverse_depth[i][y, x])
+        count += bool(((gate > 0) & inside).mean() >= SHARE_IN_SIGHT)
+    return count

@@ -1,0 +1,189 @@
+"""Which images become key frames, and where the camera was when it took them."""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from detect.warp import sample
+from geometry.arrays import GreyImage
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from locate.images import bending
+from locate.robot.poses import NS, PoseBuffer, StampedPose
+from locate.robot.settings import Settings
+from locate.robot.window import FrameWindow, KeyFrame
+
+REWIND_NS = 10 * NS
+LEAST_JUMP_M = 0.5
+
+
+@dataclass(kw_only=True)
+class Counts:
+    """What became of everything that was fed.
+
+    Attributes:
+        images: Fed.
+        poses: Fed.
+        passed_over: Images too near to the last key frame to say anything new.
+        unposed: Images whose pose did not come in time.
+        key_frames: Images kept.
+        looked_at: Key frames that the detector has seen.
+        dropped: Key frames that it never got to.
+        jumps: How often the poses jumped, or the clock went back, and the window began anew.
+        failures: Key frames on which the detector or the fusion failed; the log says how.
+    """
+
+    images: int = 0
+    poses: int = 0
+    passed_over: int = 0
+    unposed: int = 0
+    key_frames: int = 0
+    looked_at: int = 0
+    dropped: int = 0
+    jumps: int = 0
+    failures: int = 0
+
+
+@dataclass(kw_only=True)
+class Lens:
+    """From the camera's images to the frames that are worked on."""
+
+    camera: Camera
+    width_px: int
+    pinhole: Camera = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._bending = bending(self.camera)
+        factor = min(1.0, self.width_px / self.camera.width)
+        self.pinhole = self.camera.undistorted().scaled(factor)
+
+    def frame(self, image: GreyImage) -> GreyImage:
+        """The image, undistorted and shrunk."""
+        if self._bending is not None:
+            image = np.rint(sample(image, self._bending)).clip(0, 255).astype(np.uint8)
+        if self.pinhole.width == self.camera.width:
+            return image.copy()
+        size = (self.pinhole.width, self.pinhole.height)
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+class Intake:
+    """Joins images with their poses and keeps those that show something new.
+
+    Args:
+        camera: That takes the images.
+        settings: How long images wait, and how far apart key frames are.
+
+    Attributes:
+        counts: What became of everything that came in.
+        frames: The key frames; another window after a jump or for another camera.
+        lens: From the camera's images to these frames.
+        inverse_depth: Typical of the background, 1 / m: parallax is counted by it.
+    """
+
+    def __init__(self, camera: Camera, settings: Settings) -> None:
+        self._settings = settings
+        self.counts = Counts()
+        self.inverse_depth = 1 / settings.expected_range_m
+        self._poses = PoseBuffer(max_gap_ns=round(settings.max_pose_gap_s * NS))
+        self._images: dict[int, GreyImage] = {}
+        self._newest_ns: int | None = None
+        self._number = 0
+        self.set_camera(camera)
+
+    @property
+    def waiting(self) -> int:
+        """How many images wait for their poses."""
+        return len(self._images)
+
+    def set_camera(self, camera: Camera) -> None:
+        """Goes on with another camera, in another window."""
+        self.lens = Lens(camera=camera, width_px=self._settings.width_px)
+        self._images.clear()
+        self._begin_window()
+
+    def check(self, image: GreyImage) -> None:
+        """Refuses what the camera did not take.
+
+        Raises:
+            BadInputError: Its size or type is another.
+        """
+        camera = self.lens.camera
+        if image.dtype != np.uint8 or image.shape != (camera.height, camera.width):
+            raise BadInputError(
+                f"image is {image.shape} {image.dtype}; the camera takes "
+                f"({camera.height}, {camera.width}) uint8"
+            )
+
+    def pose(self, pose: StampedPose) -> None:
+        """Takes a pose."""
+        self.counts.poses += 1
+        self._move_clock(pose.stamp_ns)
+        self._poses.add(pose)
+        self._match()
+
+    def image(self, image: GreyImage, stamp_ns: int) -> None:
+        """Takes an image; it waits for its pose if need be."""
+        self.counts.images += 1
+        self._move_clock(stamp_ns)
+        pose = self._poses.at(stamp_ns)
+        if pose is None:
+            self._images[stamp_ns] = image.copy()
+        else:
+            self._consider(image, pose)
+        self._match()
+
+    def _begin_window(self) -> None:
+        self.frames = FrameWindow(
+            self.lens.pinhole, most=self._settings.frames_kept, lag=self._settings.lag
+        )
+        self._last_pose: StampedPose | None = None
+        self._last_key: StampedPose | None = None
+
+    def _move_clock(self, stamp_ns: int) -> None:
+        """Keeps the newest stamp; a clock that went back (a replay) begins everything anew."""
+        if self._newest_ns is not None and stamp_ns < self._newest_ns - REWIND_NS:
+            self._newest_ns = None
+            self._poses.clear()
+            self._images.clear()
+            self._jumped()
+        self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
+
+    def _jumped(self) -> None:
+        self.counts.jumps += 1
+        self._begin_window()
+
+    def _match(self) -> None:
+        """Joins waiting images with their poses, and lets those go that waited too long."""
+        oldest_ns = (self._newest_ns or 0) - round(self._settings.patience_s * NS)
+        surplus = len(self._images) - self._settings.images_kept
+        for place, stamp_ns in enumerate(sorted(self._images)):
+            pose = self._poses.at(stamp_ns)
+            if pose is not None:
+                self._consider(self._images.pop(stamp_ns), pose)
+            elif stamp_ns < oldest_ns or place < surplus:
+                del self._images[stamp_ns]
+                self.counts.unposed += 1
+
+    def _consider(self, image: GreyImage, pose: StampedPose) -> None:
+        """Keeps the image as a key frame where the camera has moved enough since the last."""
+        if self._last_pose is not None and self._is_jump(self._last_pose, pose):
+            self._jumped()
+        self._last_pose = pose
+        if self._last_key is not None:
+            baseline = np.linalg.norm(pose.center_in_world - self._last_key.center_in_world)
+            focal_share = self.lens.pinhole.focal_px / self.lens.pinhole.width
+            if baseline * self.inverse_depth * focal_share < self._settings.spacing:
+                self.counts.passed_over += 1
+                return
+        self._last_key = pose
+        key = KeyFrame(number=self._number, image=self.lens.frame(image), pose=pose)
+        self._number += 1
+        self.counts.key_frames += 1
+        self.counts.dropped += self.frames.add(key)
+
+    def _is_jump(self, before: StampedPose, after: StampedPose) -> bool:
+        distance = float(np.linalg.norm(after.center_in_world - before.center_in_world))
+        seconds = abs(after.stamp_ns - before.stamp_ns) / NS
+        return distance > max(LEAST_JUMP_M, self._settings.max_speed_mps * seconds)

@@ -1,0 +1,240 @@
+"""The streaming core: images and poses in, in any order; plumes out, as they become known."""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from detect.detection import Detector
+from detect.registered import RegisteredDetector
+from geometry.arrays import FloatArray, GreyImage
+from geometry.camera import Camera
+from locate import __version__
+from locate.plume import PlumeMap
+from locate.robot.engine import Engine
+from locate.robot.intake import Counts, Intake
+from locate.robot.next_view import Suggestion, rank
+from locate.robot.poses import UNKNOWN, StampedPose
+from locate.robot.settings import Settings
+from locate.robot.tracks import State, Update
+from locate.robot.window import Task
+
+MOST_NEWS = 1024
+
+log = logging.getLogger("locate.robot")
+
+
+class Locator:
+    """Finds plumes while a robot moves.
+
+    Feed it images and poses as they come; it never blocks on the detector, which works in a
+    thread of its own and drops what it cannot get to. World: metric, Z up.
+
+    Args:
+        camera: That takes the images.
+        settings: How much is kept, and how often is decided.
+        detector: None takes `RegisteredDetector`.
+        threaded: False looks at frames inside `feed`, and drops none: for recordings.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        *,
+        settings: Settings | None = None,
+        detector: Detector | None = None,
+        threaded: bool = True,
+    ) -> None:
+        self.settings = settings or Settings()
+        self._detector = detector or RegisteredDetector()
+        self._outbox: deque[Update] = deque(maxlen=MOST_NEWS)
+        self._changed = threading.Condition()
+        self._busy = self._ending = self._closing = False
+        self._begin(camera)
+        self._thread = threading.Thread(target=self._work, name="locate", daemon=True)
+        self._threaded = threaded
+        if threaded:
+            self._thread.start()
+
+    def feed(
+        self,
+        image: GreyImage,
+        world_from_cam: FloatArray,
+        covariance: FloatArray | None,
+        stamp_ns: int,
+    ) -> list[Update]:
+        """Takes an image with its pose.
+
+        Args:
+            image: (H, W) uint8, grey, as the camera took it.
+            world_from_cam: (4, 4) rigid, metres; camera x right, y down, z forward.
+            covariance: (6, 6) of it in gtsam's order [rotation (rad), translation (m)], right
+                tangent; None where unknown.
+            stamp_ns: When both hold.
+
+        Returns:
+            What has become known since the last call of this or of `updates`.
+
+        Raises:
+            BadInputError: The image does not fit the camera, or the pose is none.
+        """
+        self._intake.check(image)
+        self.feed_pose(world_from_cam, covariance, stamp_ns)
+        self.feed_image(image, stamp_ns)
+        return self.updates()
+
+    def feed_pose(
+        self, world_from_cam: FloatArray, covariance: FloatArray | None, stamp_ns: int
+    ) -> None:
+        """Takes a pose, late, early or out of order; see `feed`."""
+        pose = StampedPose(
+            stamp_ns=stamp_ns,
+            world_from_cam=np.array(world_from_cam, dtype=float),
+            covariance=UNKNOWN if covariance is None else np.array(covariance, dtype=float),
+        )
+        with self._changed:
+            self._intake.pose(pose)
+            self._changed.notify_all()
+        self._work_here()
+
+    def feed_image(self, image: GreyImage, stamp_ns: int) -> None:
+        """Takes an image; it waits for its pose if need be. See `feed`."""
+        self._intake.check(image)
+        with self._changed:
+            self._intake.image(image, stamp_ns)
+            self._changed.notify_all()
+        self._work_here()
+
+    @property
+    def counts(self) -> Counts:
+        """What became of everything that was fed."""
+        return self._intake.counts
+
+    def updates(self) -> list[Update]:
+        """What has become known since the last call."""
+        with self._changed:
+            news = list(self._outbox)
+            self._outbox.clear()
+        return news
+
+    def finish(self, timeout_s: float | None = None) -> list[Update]:
+        """Looks at all frames that still wait, decides, and returns what is new.
+
+        Args:
+            timeout_s: Give up after this time; what is left then stays for the next call.
+        """
+        self._ending = True
+        try:
+            self._work_here()
+            with self._changed:
+                self._changed.notify_all()
+                if not self._changed.wait_for(self._idle, timeout_s):
+                    return self.updates()
+                self._busy = True
+            self._guarded(self._engine.decide)
+        finally:
+            self._ending = False
+        return self.updates()
+
+    def plume_map(self) -> PlumeMap:
+        """The confirmed plumes as a map."""
+        return PlumeMap(
+            units="m",
+            gravity=True,
+            detector=self._detector.name,
+            version=__version__,
+            plumes=tuple(self._engine.confirmed),
+        )
+
+    def suggest(self, poses: Sequence[FloatArray]) -> list[Suggestion]:
+        """From where to look next, best first; see `locate.robot.next_view`.
+
+        Args:
+            poses: (4, 4) world_from_cam each, those that the robot can reach.
+        """
+        engine = self._engine
+        plumes = [track.shown for track in engine.tracks.all if track.state is not State.LOST]
+        return rank(plumes, engine.background_in_world, self._intake.lens.pinhole, poses)
+
+    def set_camera(self, camera: Camera) -> None:
+        """Goes on with another camera; the window begins anew, the plumes stay."""
+        with self._changed:
+            if camera != self._intake.lens.camera:
+                self._intake.set_camera(camera)
+
+    def reset(self) -> None:
+        """Forgets everything, the plumes too."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._busy)
+            self._outbox.clear()
+            self._begin(self._intake.lens.camera)
+
+    def close(self) -> None:
+        """Ends the thread; a frame that it is looking at is finished first."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        if self._threaded:
+            self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _begin(self, camera: Camera) -> None:
+        self._intake = Intake(camera, self.settings)
+        self._engine = Engine(self._detector, self.settings)
+
+    def _idle(self) -> bool:
+        return not self._busy and not self._intake.frames.waiting
+
+    def _take(self) -> Task | None:
+        return self._intake.frames.take(
+            newest=self._threaded and not self._ending, ending=self._ending
+        )
+
+    def _work(self) -> None:
+        """The thread: looks at one key frame after the other."""
+        while True:
+            with self._changed:
+                task = None
+                while not self._closing and (self._busy or (task := self._take()) is None):
+                    self._changed.wait()
+                if task is None:
+                    return
+                self._busy = True
+            self._look(task)
+
+    def _work_here(self) -> None:
+        """Looks at all frames that are ready, where there is no thread to do so."""
+        while not self._threaded and (task := self._take()) is not None:
+            self._look(task)
+
+    def _look(self, task: Task) -> None:
+        self.counts.looked_at += 1
+        self._guarded(lambda: self._engine.look(task))
+        self._intake.inverse_depth = self._engine.inverse_depth
+
+    def _guarded(self, work: Callable[[], list[Update]]) -> None:
+        """Does the work and keeps its news; one frame's failure must not stop a robot."""
+        try:
+            news = work()
+        except Exception:
+            log.exception("a key frame could not be worked on")
+            self.counts.failures += 1
+            news = []
+        with self._changed:
+            self._outbox.extend(news)
+            self._busy = False
+            self._changed.notify_all()

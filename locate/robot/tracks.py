@@ -1,0 +1,250 @@
+"""Plumes followed over time: which of those found now is which of those known."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from geometry.arrays import FloatArray
+from locate.fusion.fit import distinct
+from locate.plume import Plume
+
+CONFIRMED_PROBABILITY = 0.99
+MISSES_ALLOWED = 3
+MOST_TRACKS = 256
+INCONSISTENT = 16.3  # chi-square of 3 degrees of freedom, 0.1 %
+
+
+class State(StrEnum):
+    """How sure a plume is."""
+
+    CANDIDATE = "candidate"
+    CONFIRMED = "confirmed"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Update:
+    """What is now known of one plume.
+
+    Attributes:
+        plume: With its lasting id, source, covariance and probability; its views are key-frame
+            numbers.
+        state: Lost means: looked at again, and not there any more.
+        stamp_ns: Of the latest frame behind it.
+    """
+
+    plume: Plume
+    state: State
+    stamp_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """One plume over time.
+
+    Attributes:
+        shown: The best estimate.
+        state: How sure it is.
+        settled: The estimate that those of later views are joined with.
+        since: Number of the first key frame behind `settled`.
+        until: Of the last one.
+        misses: Decisions in a row that looked and did not find it.
+    """
+
+    shown: Plume
+    state: State
+    settled: Plume
+    since: int
+    until: int
+    misses: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """The views behind a decision: numbers of the first and last key frame, latest stamp."""
+
+    first: int
+    last: int
+    stamp_ns: int
+
+
+class Tracks:
+    """All plumes so far, at most `MOST_TRACKS`.
+
+    Args:
+        independent: Pose errors of views far apart in time are independent (GNSS, a surveyed
+            map); otherwise (odometry) estimates are joined without assuming so.
+    """
+
+    def __init__(self, *, independent: bool) -> None:
+        self._independent = independent
+        self._tracks: dict[int, Track] = {}
+        self._next_id = 1
+
+    @property
+    def all(self) -> list[Track]:
+        """The tracks, by id."""
+        return list(self._tracks.values())
+
+    def update(
+        self,
+        found: Sequence[Plume],
+        span: Span,
+        *,
+        unit: float,
+        looked_at: Callable[[Plume], bool],
+    ) -> list[Update]:
+        """Takes the outcome of one decision.
+
+        Args:
+            found: The plumes of the window, strongest first.
+            span: The window.
+            unit: The yardstick of fusion, metres.
+            looked_at: Tells whether the window's views would show a plume if it were there.
+
+        Returns:
+            One update for every plume that was found, or is lost as of now.
+        """
+        free = dict(sorted(self._tracks.items(), key=lambda item: item[1].state != State.CONFIRMED))
+        touched = []
+        for plume in found:
+            number = next((n for n, track in free.items() if same(track.shown, plume, unit)), None)
+            if number is None:
+                number, self._next_id = self._next_id, self._next_id + 1
+                self._tracks[number] = _begun(replace(plume, id=number), span)
+            else:
+                del free[number]
+                self._tracks[number] = self._seen(self._tracks[number], plume, span)
+            touched.append(number)
+        touched += [number for number in free if self._missed(number, looked_at)]
+        updates = [self._update(number, span.stamp_ns) for number in touched]
+        self._forget()
+        return updates
+
+    def settle(self) -> None:
+        """Ends the window: whatever is found next rests on other views."""
+        for number, track in self._tracks.items():
+            self._tracks[number] = replace(track, settled=track.shown, until=-1)
+
+    def _seen(self, track: Track, plume: Plume, span: Span) -> Track:
+        """The track with what the window says now; no view counts twice.
+
+        While the window only grows, its estimate replaces the settled one. Once it slides, the
+        surer of the two is shown, until they have no view in common and are joined.
+        """
+        plume = replace(plume, id=track.shown.id)
+        sure = track.state == State.CONFIRMED or plume.probability >= CONFIRMED_PROBABILITY
+        state = State.CONFIRMED if sure else State.CANDIDATE
+        if track.since < span.first <= track.until:
+            shown = _surer(plume, track.settled)
+            return replace(track, shown=shown, state=state, misses=0)
+        since = span.first
+        if span.first > track.until:
+            plume, since = self._joined(track.settled, plume), track.since
+        return Track(shown=plume, state=state, settled=plume, since=since, until=span.last)
+
+    def _joined(self, settled: Plume, plume: Plume) -> Plume:
+        if not consistent(settled, plume):
+            return plume
+        source, covariance = joined_estimate(
+            (settled.source, settled.source_covariance),
+            (plume.source, plume.source_covariance),
+            independent=self._independent,
+        )
+        return replace(
+            plume,
+            source=source,
+            source_covariance=covariance,
+            evidence_nats=settled.evidence_nats + plume.evidence_nats,
+            probability=max(settled.probability, plume.probability),
+        )
+
+    def _missed(self, number: int, looked_at: Callable[[Plume], bool]) -> bool:
+        """Counts a miss; True where it makes the plume lost."""
+        track = self._tracks[number]
+        if track.state == State.LOST or not looked_at(track.shown):
+            return False
+        misses = track.misses + 1
+        lost = misses > MISSES_ALLOWED
+        state = State.LOST if lost else track.state
+        self._tracks[number] = replace(track, misses=misses, state=state)
+        return lost
+
+    def _update(self, number: int, stamp_ns: int) -> Update:
+        track = self._tracks[number]
+        return Update(plume=track.shown, state=track.state, stamp_ns=stamp_ns)
+
+    def _forget(self) -> None:
+        """Lets the least certain go, the oldest first, where there are too many."""
+        surplus = len(self._tracks) - MOST_TRACKS
+        rank = [State.LOST, State.CANDIDATE, State.CONFIRMED].index
+        by_worth = sorted(self._tracks, key=lambda number: rank(self._tracks[number].state))
+        for number in by_worth[: max(surplus, 0)]:
+            del self._tracks[number]
+
+
+def _begun(plume: Plume, span: Span) -> Track:
+    sure = plume.probability >= CONFIRMED_PROBABILITY
+    return Track(
+        shown=plume,
+        state=State.CONFIRMED if sure else State.CANDIDATE,
+        settled=plume,
+        since=span.first,
+        until=span.last,
+    )
+
+
+def _surer(a: Plume, b: Plume) -> Plume:
+    return a if np.trace(a.source_covariance) <= np.trace(b.source_covariance) else b
+
+
+def as_column(plume: Plume) -> FloatArray:
+    """(8,) the column of `locate.fusion.column` that a plume's axis, extent and radii describe."""
+    low, high = plume.extent_low, plume.extent_high
+    lowest = plume.source + low * plume.axis
+    rise = plume.axis / max(float(plume.axis[2]), 1e-3)
+    height = max((high - low) * float(plume.axis[2]), 1e-3)
+    radii = plume.radius_by_height[:, 1]
+    opening = float(radii[-1] - radii[0]) / height
+    return np.array([*lowest, rise[0], rise[1], height, radii[0], opening])
+
+
+def same(a: Plume, b: Plume, unit: float) -> bool:
+    """True where fusion would count the two as one plume."""
+    return len(distinct(np.stack([as_column(a), as_column(b)]), unit)) == 1
+
+
+def consistent(a: Plume, b: Plume) -> bool:
+    """True where the sources differ by no more than their covariances allow."""
+    difference = a.source - b.source
+    spread = a.source_covariance + b.source_covariance
+    return float(difference @ np.linalg.solve(spread, difference)) < INCONSISTENT
+
+
+Estimate = tuple[FloatArray, FloatArray]
+
+
+def joined_estimate(a: Estimate, b: Estimate, *, independent: bool) -> Estimate:
+    """One position of two, each a (3,) mean and a (3, 3) covariance.
+
+    Independent ones add their information. Otherwise covariance intersection holds whatever they
+    share (Julier and Uhlmann, A non-divergent estimation algorithm in the presence of unknown
+    correlations, ACC 1997, eq. 4), with the weight that makes the trace smallest.
+    """
+    information_a, information_b = np.linalg.inv(a[1]), np.linalg.inv(b[1])
+
+    def mixed(weight: float) -> Estimate:
+        first, second = (1.0, 1.0) if independent else (weight, 1 - weight)
+        covariance = np.linalg.inv(first * information_a + second * information_b)
+        mean = covariance @ (first * information_a @ a[0] + second * information_b @ b[0])
+        return mean, covariance
+
+    if independent:
+        return mixed(1.0)
+    best = minimize_scalar(
+        lambda weight: float(np.trace(mixed(weight)[1])), bounds=(0, 1), method="bounded"
+    )
+    return mixed(float(best.x))

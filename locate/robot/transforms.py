@@ -1,0 +1,127 @@
+"""Pose messages to the project's poses, and a small buffer of the transforms between frames."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import gtsam
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from geometry.arrays import FloatArray
+from geometry.errors import BadInputError
+from locate.robot.codec import stamp_ns
+from locate.robot.poses import UNKNOWN, PoseBuffer, StampedPose
+
+DEEPEST = 64
+
+
+def matrix_of(translation: Any, rotation: Any) -> FloatArray:
+    """(4, 4) of a message's translation (or position) and quaternion.
+
+    Raises:
+        BadInputError: The quaternion is zero or something is not finite.
+    """
+    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w], dtype=float)
+    shift = np.array([translation.x, translation.y, translation.z], dtype=float)
+    if not np.isfinite([*quaternion, *shift]).all() or np.linalg.norm(quaternion) < 1e-6:
+        raise BadInputError("pose has no rotation, or numbers that are not finite")
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    matrix[:3, 3] = shift
+    return matrix
+
+
+def tangent_covariance(world_from_body: FloatArray, ros_covariance: Any) -> FloatArray:
+    """(6, 6) in gtsam's right tangent from the covariance of a `PoseWithCovariance`.
+
+    There it is row-major in the order x, y, z, rotation about the world's X, Y, Z. All zeros, or
+    a negative variance, mean unknown: NaN.
+    """
+    given = np.array(ros_covariance, dtype=float).reshape(6, 6)
+    if not np.isfinite(given).all() or (np.diag(given) < 0).any() or not given.any():
+        return UNKNOWN
+    swapped = np.roll(given, (3, 3), axis=(0, 1))
+    body_from_world = np.kron(np.eye(2), world_from_body[:3, :3].T)
+    return np.asarray(body_from_world @ swapped @ body_from_world.T)
+
+
+def moved_covariance(body_from_cam: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(6, 6) of world_from_cam from that of world_from_body; the mounting is taken as exact."""
+    moved = np.asarray(gtsam.Pose3(np.linalg.inv(body_from_cam)).AdjointMap())
+    return np.asarray(moved @ covariance @ moved.T)
+
+
+def ros_covariance(world_from_body: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(36,) the inverse of `tangent_covariance`."""
+    world_from_tangent = np.kron(np.eye(2), world_from_body[:3, :3])
+    turned = world_from_tangent @ covariance @ world_from_tangent.T
+    return np.asarray(np.roll(turned, (3, 3), axis=(0, 1)).ravel())
+
+
+class TransformTree:
+    """Which frame stands where in which, by time: what a robot's TF says."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, str] = {}
+        self._fixed: dict[str, FloatArray] = {}
+        self._moving: dict[str, PoseBuffer] = {}
+
+    def add(self, transforms: Iterable[Any], *, static: bool) -> list[int]:
+        """Takes `geometry_msgs/TransformStamped`; those that cannot be are left out.
+
+        Returns:
+            The stamps of those taken, ns.
+        """
+        stamps = []
+        for one in transforms:
+            child, parent = _name(one.child_frame_id), _name(one.header.frame_id)
+            try:
+                matrix = matrix_of(one.transform.translation, one.transform.rotation)
+            except BadInputError:
+                continue
+            self._parents[child] = parent
+            stamps.append(stamp_ns(one.header))
+            if static:
+                self._fixed[child] = matrix
+            else:
+                buffer = self._moving.setdefault(child, PoseBuffer())
+                buffer.add(
+                    StampedPose(stamp_ns=stamps[-1], world_from_cam=matrix, covariance=UNKNOWN)
+                )
+        return stamps
+
+    def find(self, target: str, source: str, stamp: int) -> FloatArray | None:
+        """(4, 4) target_from_source at `stamp` ns, None where TF does not say (yet)."""
+        up_source, up_target = self._upwards(_name(source)), self._upwards(_name(target))
+        meeting = next((frame for frame in up_source if frame in up_target), None)
+        if meeting is None:
+            return None
+        from_source = self._climbed(up_source[: up_source.index(meeting)], stamp)
+        from_target = self._climbed(up_target[: up_target.index(meeting)], stamp)
+        if from_source is None or from_target is None:
+            return None
+        return np.asarray(np.linalg.inv(from_target) @ from_source)
+
+    def _upwards(self, frame: str) -> list[str]:
+        path = [frame]
+        while (parent := self._parents.get(path[-1])) is not None and len(path) < DEEPEST:
+            path.append(parent)
+        return path
+
+    def _climbed(self, frames: list[str], stamp: int) -> FloatArray | None:
+        """The product of the transforms of `frames` in their parents."""
+        total = np.eye(4)
+        for frame in frames:
+            step = self._fixed.get(frame)
+            if step is None:
+                pose = self._moving[frame].at(stamp)
+                if pose is None:
+                    return None
+                step = pose.world_from_cam
+            total = step @ total
+        return total
+
+
+def _name(frame: str) -> str:
+    """Older software writes a slash in front."""
+    return frame.removeprefix("/")

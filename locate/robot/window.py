@@ -1,0 +1,160 @@
+"""What is kept of the past and no more: the last key frames and the evidence of the last views."""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from detect.detection import Detection, Frames
+from geometry.arrays import GreyImage
+from geometry.camera import Camera
+from locate.fusion.views import Views
+from locate.robot.poses import StampedPose, as_trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyFrame:
+    """A frame that is looked at.
+
+    Attributes:
+        number: Ascending by the order of arrival, from 0.
+        image: (H, W) uint8, undistorted.
+        pose: Where the camera was.
+    """
+
+    number: int
+    image: GreyImage
+    pose: StampedPose
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One key frame to look at, with the frames around it.
+
+    Attributes:
+        key: The key frame.
+        frames: All that the window holds.
+        row: Which of them `key` is.
+        window: Where they are from; frames of different windows know nothing of each other.
+    """
+
+    window: "FrameWindow"
+    key: KeyFrame
+    frames: Frames
+    row: int
+
+
+class FrameWindow:
+    """The last key frames: neighbours of each other, and those that still wait for a look.
+
+    Args:
+        camera: The pinhole of the undistorted frames.
+        most: How many are kept.
+        lag: A frame is looked at once so many have followed it: the detector wants neighbours on
+            both sides.
+
+    Attributes:
+        camera: As given.
+    """
+
+    def __init__(self, camera: Camera, *, most: int, lag: int) -> None:
+        self.camera = camera
+        self._lag = lag
+        self._keys: deque[KeyFrame] = deque(maxlen=most)
+        self._waiting: set[int] = set()
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def add(self, key: KeyFrame) -> bool:
+        """Takes the next key frame; True where the one it pushes out was never looked at."""
+        full = len(self._keys) == self._keys.maxlen
+        lost = full and self._keys[0].number in self._waiting
+        if lost:
+            self._waiting.remove(self._keys[0].number)
+        self._keys.append(key)
+        self._waiting.add(key.number)
+        return lost
+
+    def take(self, *, newest: bool, ending: bool = False) -> Task | None:
+        """The next frame to look at, which then counts as looked at; None where none is ready.
+
+        Args:
+            newest: The newest that is ready rather than the oldest: what cannot be looked at in
+                time falls out at the other end.
+            ending: No more frames will come, so none needs followers.
+        """
+        ready = len(self._keys) - (0 if ending else self._lag)
+        rows = [row for row in range(ready) if self._keys[row].number in self._waiting]
+        if not rows:
+            return None
+        row = rows[-1 if newest else 0]
+        keys = list(self._keys)
+        self._waiting.remove(keys[row].number)
+        trajectory = as_trajectory(
+            [key.pose for key in keys], [key.number for key in keys], self.camera
+        )
+        frames = Frames(images=[key.image for key in keys], trajectory=trajectory)
+        return Task(window=self, key=keys[row], frames=frames, row=row)
+
+    @property
+    def waiting(self) -> int:
+        """How many frames have not been looked at."""
+        return len(self._waiting)
+
+
+class EvidenceWindow:
+    """The evidence of the last views by one camera, shrunk to the size that fusion works at.
+
+    Args:
+        most: How many views are kept.
+    """
+
+    def __init__(self, *, most: int) -> None:
+        self._most = most
+        self._views: dict[int, tuple[StampedPose, Views]] = {}
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    @property
+    def numbers(self) -> list[int]:
+        """Key-frame numbers of the views, ascending."""
+        return sorted(self._views)
+
+    def clear(self) -> None:
+        """Forgets every view."""
+        self._views.clear()
+
+    def add(self, task: Task, detection: Detection) -> None:
+        """Takes what a detector said of a key frame; the earliest view goes where it is full."""
+        key = task.key
+        trajectory = as_trajectory([key.pose], [key.number], task.window.camera)
+        self._views[key.number] = key.pose, Views.from_detections([detection], trajectory)
+        if len(self._views) > self._most:
+            del self._views[min(self._views)]
+
+    def poses(self) -> list[StampedPose]:
+        """Of the views, by ascending number."""
+        return [self._views[number][0] for number in self.numbers]
+
+    def views(self) -> Views:
+        """All of them as one, by ascending number."""
+        numbers = self.numbers
+        parts = [self._views[number][1] for number in numbers]
+        trajectory = as_trajectory(self.poses(), numbers, parts[0].trajectory.camera)
+        return Views(
+            trajectory=trajectory,
+            llr=np.concatenate([part.llr for part in parts]),
+            inverse_depth=np.concatenate([part.inverse_depth for part in parts]),
+            displacement_px=np.concatenate([part.displacement_px for part in parts]),
+            sigma_px=np.concatenate([part.sigma_px for part in parts]),
+            correlation_px2=_pooled_correlation(parts),
+        )
+
+
+def _pooled_correlation(parts: Iterable[Views]) -> float:
+    """The views' mean correlation area, weighted by their variance as pooling them would."""
+    areas, variances = np.array([(part.correlation_px2, part.llr.var()) for part in parts]).T
+    return float(np.average(areas, weights=variances + 1e-12))

@@ -1,0 +1,26 @@
+import importlib.util
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from geometry.errors import BadInputError
+from locate.commands.robot import robot
+
+
+def test_node_without_ros_says_what_to_do() -> None:
+    if importlib.util.find_spec("rclpy"):
+        pytest.skip("there is a ROS 2 here; test_ros2.py runs the node")
+    result = CliRunner().invoke(robot, ["ros2", "--ros-args", "-r", "image:=/camera"])
+    assert isinstance(result.exception, BadInputError)
+    assert "setup.bash" in str(result.exception)
+
+
+def test_bag_that_is_missing_is_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
+    path = tmp_path / "missing.mcap"
+    result = CliRunner().invoke(robot, ["bag", str(path), "-o", str(tmp_path / "out")])
+    assert isinstance(result.exception, BadInputError)
+    assert "missing.mcap" in str(result.exception)
+    assert "\n" not in str(result.exception)
+    assert not (tmp_path / "out").exists()

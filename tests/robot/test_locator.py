@@ -1,0 +1,261 @@
+import itertools
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from detect.detection import Detection, Frames
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from locate.fusion.fuse import fuse
+from locate.fusion.null import NullLevel
+from locate.fusion.views import Views
+from locate.robot import Locator, Settings, State, Update
+from locate.robot.poses import NS
+from locate.simulation.evidence import Truth
+from tests.robot.drive import BLANK, Oracle, moments
+
+QUICK = Settings(lag=2, views_kept=16, null_draws=2, drift=False)
+UNDECIDED = replace(QUICK, views_a_decision=1000, lag=0)
+
+
+def inline(views: Views, settings: Settings = QUICK) -> Locator:
+    return Locator(
+        views.trajectory.camera, settings=settings, detector=Oracle(views), threaded=False
+    )
+
+
+def drive(locator: Locator, views: Views) -> list[Update]:
+    news = []
+    for moment in moments(views):
+        news += locator.feed(
+            moment.image, moment.world_from_cam, moment.covariance, moment.stamp_ns
+        )
+    return news + locator.finish()
+
+
+@pytest.fixture(scope="module")
+def driven(views: Views) -> tuple[Locator, list[Update]]:
+    locator = inline(views)
+    return locator, drive(locator, views)
+
+
+def test_plume_is_confirmed_before_the_drive_ends(
+    driven: tuple[Locator, list[Update]], truth: Truth
+) -> None:
+    locator, news = driven
+    first = next(update for update in news if update.state is State.CONFIRMED)
+    assert first.stamp_ns < 100 * NS + 11 * NS // 5
+    assert {update.plume.id for update in news if update.state is State.CONFIRMED} == {1}
+    (plume,) = locator.plume_map().plumes
+    error = plume.source - truth.source
+    assert error @ np.linalg.solve(plume.source_covariance, error) < 16
+
+
+def test_plume_is_that_of_an_offline_run_with_the_same_random_draws(
+    driven: tuple[Locator, list[Update]], views: Views
+) -> None:
+    (online,) = driven[0].plume_map().plumes
+    (offline,) = fuse(views, seed=QUICK.seed, null=NullLevel.fitted([8.0, 9.0, 10.0])).plumes
+    np.testing.assert_allclose(online.source, offline.source, atol=1e-3)
+    np.testing.assert_allclose(online.source_covariance, offline.source_covariance, rtol=0.02)
+    assert online.views == offline.views
+
+
+@pytest.mark.parametrize("order", ["late", "early", "shuffled"])
+def test_poses_may_come_in_any_order(
+    driven: tuple[Locator, list[Update]], views: Views, order: str
+) -> None:
+    locator = inline(views, UNDECIDED)
+    poses = list(moments(views))
+    images = list(poses)
+    if order == "shuffled":
+        np.random.default_rng(0).shuffle(poses)
+    pose_delay = {"late": 3, "early": -3, "shuffled": 0}[order]
+    events = [(i + pose_delay, 0, i) for i in range(12)] + [(i, 1, i) for i in range(12)]
+    for _, is_image, i in sorted(events):
+        if is_image:
+            locator.feed_image(images[i].image, images[i].stamp_ns)
+        else:
+            moment = poses[i]
+            locator.feed_pose(moment.world_from_cam, moment.covariance, moment.stamp_ns)
+    locator.finish()
+    assert locator.counts.looked_at + locator.counts.unposed == 12
+    assert locator.counts.looked_at >= (8 if order == "shuffled" else 12)
+    (plume,), (usual,) = locator.plume_map().plumes, driven[0].plume_map().plumes
+    np.testing.assert_allclose(plume.source, usual.source, atol=0.05)
+
+
+def test_images_between_poses_get_the_pose_between(views: Views) -> None:
+    locator = inline(views, UNDECIDED)
+    every = list(moments(views))
+    for moment in every:
+        locator.feed_pose(moment.world_from_cam, None, moment.stamp_ns)
+    for before, after in itertools.pairwise(every):
+        locator.feed_image(BLANK, (before.stamp_ns + after.stamp_ns) // 2)
+    assert locator.counts.key_frames == 11
+    assert locator.counts.unposed == 0
+
+
+def test_pose_stream_that_stops_costs_images_and_nothing_else(views: Views) -> None:
+    locator = inline(views, replace(UNDECIDED, patience_s=0.5, images_kept=4))
+    every = list(moments(views))
+    for i, moment in enumerate(every):
+        if not 4 <= i < 9:
+            locator.feed_pose(moment.world_from_cam, None, moment.stamp_ns)
+        locator.feed_image(BLANK, moment.stamp_ns)
+    assert locator.counts.unposed == 5
+    assert locator.counts.looked_at == 7
+
+
+def test_no_plume_is_reported_where_there_is_none(views: Views) -> None:
+    blind = replace(views, llr=np.where(views.llr > 0, np.float32(-0.5), views.llr))
+    locator = inline(blind)
+    news = drive(locator, blind)
+    assert all(update.state is not State.CONFIRMED for update in news)
+    assert locator.plume_map().plumes == ()
+
+
+def test_plume_that_stops_is_lost(views: Views) -> None:
+    settings = replace(QUICK, views_kept=8)
+    locator = inline(views, settings)
+    drive(locator, views)
+    silent = np.full_like(views.llr, -0.5)
+    states: list[State] = []
+    oracle = locator._detector
+    assert isinstance(oracle, Oracle)
+    oracle.views = replace(views, llr=silent)
+    for turn in range(1, 4):
+        for moment in moments(views, start_ns=(100 + 5 * turn) * NS):
+            news = locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
+            states += [update.state for update in news if update.plume.id == 1]
+    assert states[-1] is State.LOST
+    assert states.count(State.LOST) == 1
+    assert locator.plume_map().plumes == ()
+
+
+def test_standing_still_adds_nothing(views: Views) -> None:
+    locator = inline(views, UNDECIDED)
+    moment = next(moments(views))
+    for i in range(50):
+        locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns + i * NS // 30)
+    assert locator.counts.key_frames == 1
+    assert locator.counts.passed_over == 49
+
+
+def test_jump_of_the_world_begins_a_new_window(views: Views) -> None:
+    locator = inline(views, UNDECIDED)
+    for i, moment in enumerate(moments(views)):
+        pose = moment.world_from_cam.copy()
+        pose[0, 3] += 50.0 * (i >= 6)
+        locator.feed(BLANK, pose, None, moment.stamp_ns)
+    assert locator.counts.jumps == 1
+    assert len(locator._intake.frames) == 6
+
+
+def test_clock_that_goes_back_begins_anew(views: Views) -> None:
+    locator = inline(views, UNDECIDED)
+    drive(locator, views)
+    for moment in moments(views, start_ns=NS):
+        locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
+    assert locator.counts.jumps == 1
+    assert locator.counts.key_frames == 24
+    assert len(locator.plume_map().plumes) == 1
+
+
+def test_another_camera_keeps_the_plumes(views: Views) -> None:
+    locator = inline(views, UNDECIDED)
+    drive(locator, views)
+    locator.set_camera(Camera.pinhole(160, 120, 140.0))
+    for moment in moments(views, start_ns=200 * NS):
+        image = np.zeros((120, 160), np.uint8)
+        locator.feed(image, moment.world_from_cam, None, moment.stamp_ns)
+    assert locator.counts.failures == 0
+    assert len(locator.plume_map().plumes) == 1
+
+
+class Slow(Oracle):
+    def detect(self, frames: Frames, index: int) -> Detection:
+        time.sleep(0.1)
+        return super().detect(frames, index)
+
+
+def test_slow_detector_drops_the_oldest_and_never_blocks(views: Views) -> None:
+    settings = replace(QUICK, frames_kept=4, lag=1, views_a_decision=100)
+    with Locator(views.trajectory.camera, settings=settings, detector=Slow(views)) as locator:
+        longest_s = 0.0
+        for moment in moments(views):
+            started = time.perf_counter()
+            locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
+            longest_s = max(longest_s, time.perf_counter() - started)
+            time.sleep(0.02)
+        locator.finish()
+        counts = locator.counts
+        assert longest_s < 0.08
+        assert counts.dropped > 0
+        assert counts.dropped + counts.looked_at == counts.key_frames == 12
+        oracle = locator._detector
+        assert isinstance(oracle, Oracle)
+        assert 11 in oracle.seen
+    assert threading.active_count() == 1
+
+
+class Broken(Oracle):
+    def detect(self, frames: Frames, index: int) -> Detection:
+        if index % 2:
+            raise RuntimeError("out of order")
+        return super().detect(frames, index)
+
+
+def test_failing_detector_is_counted_and_survived(
+    views: Views, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Locator(views.trajectory.camera, settings=UNDECIDED, detector=Broken(views)) as locator:
+        drive(locator, views)
+    assert 0 < locator.counts.failures < locator.counts.looked_at == 12
+    assert "out of order" in caplog.text
+
+
+def test_reset_forgets_everything(views: Views) -> None:
+    locator = inline(views, UNDECIDED)
+    drive(locator, views)
+    locator.reset()
+    assert locator.plume_map().plumes == ()
+    assert locator.counts.images == 0
+    locator.feed(BLANK, np.eye(4), None, NS)
+    assert locator.counts.looked_at == 1
+
+
+@pytest.mark.parametrize(
+    ("image", "pose", "covariance"),
+    [
+        (np.zeros((10, 10), np.uint8), np.eye(4), None),
+        (BLANK.astype(np.float32), np.eye(4), None),
+        (BLANK, np.eye(3), None),
+        (BLANK, np.full((4, 4), np.nan), None),
+        (BLANK, 2 * np.eye(4), None),
+        (BLANK, np.diag([1.0, 1, -1, 1]), None),
+        (BLANK, np.eye(4), -np.eye(6)),
+        (BLANK, np.eye(4), np.eye(3)),
+    ],
+)
+def test_what_cannot_be_is_refused(
+    views: Views, image: np.ndarray, pose: np.ndarray, covariance: np.ndarray | None
+) -> None:
+    locator = inline(views)
+    with pytest.raises(BadInputError):
+        locator.feed(image, pose, covariance, 0)
+    assert locator.counts.key_frames == 0
+
+
+def test_memory_is_bounded(views: Views) -> None:
+    locator = inline(views, replace(QUICK, views_a_decision=1000, views_kept=6, frames_kept=5))
+    for turn in range(8):
+        for moment in moments(views, start_ns=(100 + 5 * turn) * NS):
+            locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
+    assert locator.counts.looked_at > 90
+    assert len(locator._intake.frames) == 5
+    assert len(locator._engine._evidence) == 6
+    assert len(locator._intake._poses) < 160

@@ -1,0 +1,116 @@
+import json
+import socket
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
+
+from geometry.errors import BadInputError
+from geometry.georeference.geodesy import Georeference, HeightDatum
+from locate.robot import State, Update
+from locate.robot.mavlink import camera_pose, plan, region_of_interest, status_text
+from tests.robot.test_next_view import plume
+
+ORIGIN = Georeference(lat_deg=47.4, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
+LEAK = replace(plume(), source=np.array([100.0, 50.0, 3.0]))
+
+
+def odometry(**changes: Any) -> Any:
+    triangle = np.diag([1e-2, 4e-2, 9e-2, 1e-4, 1e-4, 4e-4])[np.triu_indices(6)]
+    fields = {
+        "time_usec": 5_000_001,
+        "frame_id": mavlink.MAV_FRAME_LOCAL_NED,
+        "child_frame_id": mavlink.MAV_FRAME_BODY_FRD,
+        "x": 10.0,
+        "y": 20.0,
+        "z": -30.0,
+        "q": [1.0, 0.0, 0.0, 0.0],
+        "vx": 0.0,
+        "vy": 0.0,
+        "vz": 0.0,
+        "rollspeed": 0.0,
+        "pitchspeed": 0.0,
+        "yawspeed": 0.0,
+        "pose_covariance": triangle.tolist(),
+        "velocity_covariance": [0.0] * 21,
+    }
+    return mavlink.MAVLink_odometry_message(**{**fields, **changes})
+
+
+def test_level_flight_to_the_north() -> None:
+    pose = camera_pose(odometry())
+    assert pose.stamp_ns == 5_000_001_000
+    np.testing.assert_allclose(pose.center_in_world, [20, 10, 30])
+    right, down, ahead = pose.world_from_cam[:3, :3].T
+    np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(down, [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(ahead, [0, 1, 0], atol=1e-12)
+    in_world = pose.world_from_cam[:3, :3] @ pose.covariance[3:, 3:] @ pose.world_from_cam[:3, :3].T
+    np.testing.assert_allclose(np.diag(in_world), [4e-2, 1e-2, 9e-2], rtol=1e-6)
+    turns = pose.world_from_cam[:3, :3] @ pose.covariance[:3, :3] @ pose.world_from_cam[:3, :3].T
+    np.testing.assert_allclose(np.diag(turns), [1e-4, 1e-4, 4e-4], rtol=1e-6)
+
+
+def test_yaw_to_the_east_and_nose_down() -> None:
+    x, y, z, w = Rotation.from_euler("ZYX", [90, -30, 0], degrees=True).as_quat()
+    ahead = camera_pose(odometry(q=[w, x, y, z])).world_from_cam[:3, 2]
+    np.testing.assert_allclose(ahead, [np.cos(np.pi / 6), 0, -0.5], atol=1e-6)
+
+
+def test_unknown_covariance_and_frames() -> None:
+    unknown = camera_pose(odometry(pose_covariance=[float("nan")] + [0.0] * 20))
+    assert np.isnan(unknown.covariance).all()
+    for wrong in ({"frame_id": 0}, {"child_frame_id": 1}, {"q": [0.0] * 4}, {"x": float("nan")}):
+        with pytest.raises(BadInputError):
+            camera_pose(odometry(**wrong))
+
+
+def test_leak_reaches_the_other_end_of_a_link() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    ground = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}")
+    robot = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=1)
+    try:
+        update = Update(plume=LEAK, state=State.CONFIRMED, stamp_ns=0)
+        robot.mav.send(status_text(update))
+        robot.mav.send(region_of_interest(LEAK, ORIGIN, system=1, component=1))
+        text = ground.recv_match(type="STATUSTEXT", blocking=True, timeout=10)
+        assert text.text == "plume 1 confirmed: 0.5 m"
+        assert text.severity == mavlink.MAV_SEVERITY_WARNING
+        command = ground.recv_match(type="COMMAND_INT", blocking=True, timeout=10)
+        assert command.command == mavlink.MAV_CMD_DO_SET_ROI_LOCATION
+        assert command.frame == mavlink.MAV_FRAME_GLOBAL
+        where = [command.x / 1e7, command.y / 1e7, command.z]
+        np.testing.assert_allclose(ORIGIN.enu(where)[0], LEAK.source, atol=0.02)
+    finally:
+        robot.close()
+        ground.close()
+
+
+def test_plan_looks_at_each_leak_and_circles_above() -> None:
+    content = json.loads(json.dumps(plan([LEAK, LEAK], ORIGIN)))
+    items = content["mission"]["items"]
+    assert [item["command"] for item in items] == [195, 17, 195, 17]
+    assert [item["doJumpId"] for item in items] == [1, 2, 3, 4]
+    assert all(len(item["params"]) == 7 for item in items)
+    np.testing.assert_allclose(ORIGIN.enu(items[0]["params"][4:])[0], LEAK.source, atol=1e-6)
+    above = ORIGIN.enu(items[1]["params"][4:])[0]
+    np.testing.assert_allclose(above - LEAK.source, [0, 0, 10], atol=1e-6)
+
+
+def test_heights_of_an_unknown_datum_are_refused() -> None:
+    with pytest.raises(BadInputError, match="above the sea"):
+        region_of_interest(LEAK, replace(ORIGIN, datum=HeightDatum.UNKNOWN), system=1, component=1)
+    relative = region_of_interest(
+        LEAK, replace(ORIGIN, height_m=0.0, datum=HeightDatum.TAKEOFF), system=1, component=1
+    )
+    assert relative.frame == mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    assert relative.z == pytest.approx(3.0, abs=0.01)

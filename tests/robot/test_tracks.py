@@ -1,0 +1,170 @@
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from locate.plume import Plume
+from locate.robot.drift import LEAST_OWN_SHARE, SharedError
+from locate.robot.poses import NS, PoseBuffer, StampedPose
+from locate.robot.tracks import MOST_TRACKS, Span, State, Tracks, Update, as_column, joined_estimate
+from tests.robot.test_next_view import plume
+
+UNIT = 1.0
+
+
+def at(x: float, *, views: tuple[int, ...] = (0, 1, 2), probability: float = 1.0) -> Plume:
+    return replace(
+        plume((0.1, 0.1, 0.1)),
+        source=np.array([x, 0.0, 0.0]),
+        views=views,
+        probability=probability,
+    )
+
+
+def span(first: int, last: int) -> Span:
+    return Span(first=first, last=last, stamp_ns=last * NS)
+
+
+def decide(
+    tracks: Tracks, found: list[Plume], views: Span, *, looked_at: bool = True
+) -> list[Update]:
+    return tracks.update(found, views, unit=UNIT, looked_at=lambda _plume: looked_at)
+
+
+def test_ids_stay_with_their_plumes() -> None:
+    tracks = Tracks(independent=True)
+    first = decide(tracks, [at(0.0), at(5.0)], span(0, 3))
+    second = decide(tracks, [at(5.1), at(0.1), at(-5.0)], span(1, 4))
+    assert [update.plume.id for update in first] == [1, 2]
+    assert [(u.plume.id, float(u.plume.source[0])) for u in second] == [(2, 5.1), (1, 0.1), (3, -5)]
+
+
+def test_candidate_is_confirmed_and_stays_so() -> None:
+    tracks = Tracks(independent=True)
+    states = []
+    for i, probability in enumerate([0.8, 0.999, 0.8]):
+        states += decide(tracks, [at(0, probability=probability)], span(i, i + 3))
+    expected = [State.CANDIDATE, State.CONFIRMED, State.CONFIRMED]
+    assert [update.state for update in states] == expected
+
+
+def test_plume_is_lost_once_it_was_looked_for_in_vain() -> None:
+    tracks = Tracks(independent=True)
+    decide(tracks, [at(0)], span(0, 3))
+    unseen = [decide(tracks, [], span(i, i + 3), looked_at=False) for i in range(9)]
+    assert not any(unseen)
+    lost = [decide(tracks, [], span(i, i + 3)) for i in range(9)]
+    assert [update.state for updates in lost for update in updates] == [State.LOST]
+    (again,) = decide(tracks, [at(0)], span(20, 23))
+    assert (again.plume.id, again.state) == (1, State.CONFIRMED)
+
+
+def test_views_count_once() -> None:
+    tracks = Tracks(independent=True)
+    variances = []
+    for i in range(30):
+        (update,) = decide(tracks, [at(0, views=tuple(range(i, i + 10)))], span(i, i + 9))
+        variances.append(update.plume.source_covariance[0, 0])
+    assert variances[:10] == pytest.approx([0.01] * 10)
+    assert variances[10:20] == pytest.approx([0.005] * 10)
+    assert variances[-1] == pytest.approx(0.01 / 3)
+
+
+def test_growing_window_replaces_its_estimate() -> None:
+    tracks = Tracks(independent=True)
+    decide(tracks, [replace(at(0), source_covariance=1e-6 * np.eye(3))], span(0, 3))
+    (update,) = decide(tracks, [at(0.1)], span(0, 7))
+    assert update.plume.source_covariance[0, 0] == pytest.approx(0.01)
+
+
+def test_drifting_poses_do_not_add_up() -> None:
+    tracks = Tracks(independent=False)
+    for i in (0, 10, 20):
+        (update,) = decide(tracks, [at(0, views=(i, i + 1))], span(i, i + 9))
+    assert update.plume.source_covariance[0, 0] == pytest.approx(0.01, rel=1e-3)
+
+
+def test_inconsistent_estimate_is_not_averaged() -> None:
+    tracks = Tracks(independent=True)
+    sharp = replace(at(0.0), source_covariance=1e-4 * np.eye(3))
+    moved = replace(sharp, source=np.array([0.3, 0.0, 0.0]), views=(10, 11))
+    decide(tracks, [sharp], span(0, 9))
+    (update,) = decide(tracks, [moved], span(10, 19))
+    assert update.plume.source[0] == 0.3
+
+
+def test_number_of_tracks_is_bounded() -> None:
+    tracks = Tracks(independent=True)
+    decide(tracks, [at(0.0)], span(0, 3))
+    for i in range(MOST_TRACKS + 20):
+        decide(tracks, [at(10.0 * (i + 1), probability=0.8)], span(0, 3), looked_at=False)
+    assert len(tracks.all) == MOST_TRACKS
+    assert tracks.all[0].state is State.CONFIRMED
+
+
+def test_joined_estimates() -> None:
+    a = np.zeros(3), np.diag([1.0, 4.0, 1.0])
+    b = np.ones(3), np.diag([4.0, 1.0, 1.0])
+    mean, covariance = joined_estimate(a, b, independent=True)
+    np.testing.assert_allclose(np.diag(covariance), [0.8, 0.8, 0.5])
+    np.testing.assert_allclose(mean, [0.2, 0.8, 0.5])
+    _, careful = joined_estimate(a, b, independent=False)
+    assert np.linalg.eigvalsh(careful - covariance).min() > 0
+    assert np.trace(careful) <= min(np.trace(a[1]), np.trace(b[1])) + 1e-6
+
+
+def test_plume_goes_back_to_its_column() -> None:
+    column = as_column(replace(plume(), axis=np.array([0.6, 0.0, 0.8]), extent_low=0.5))
+    np.testing.assert_allclose(column[:3], [0.3, 0.0, 0.4])
+    np.testing.assert_allclose(column[3:5], [0.75, 0.0])
+    assert column[5] == pytest.approx(1.5 * 0.8)
+
+
+def pose(x: float, covariance: np.ndarray, stamp_ns: int = 0) -> StampedPose:
+    matrix = np.eye(4)
+    matrix[0, 3] = x
+    return StampedPose(stamp_ns=stamp_ns, world_from_cam=matrix, covariance=covariance)
+
+
+def test_shared_error_moves_points_as_a_wrong_world_would() -> None:
+    covariance = np.diag([1e-4, 2e-4, 3e-4, 0.01, 0.02, 0.03])
+    point = np.array([3.0, 1.0, 5.0])
+    nominal = gtsam.Pose3(pose(1.0, covariance).world_from_cam)
+    local = nominal.transformTo(point)
+    draws = np.random.default_rng(0).multivariate_normal(np.zeros(6), covariance, 20_000)
+    moved = np.array([nominal.retract(draw).transformFrom(local) for draw in draws])
+    found = SharedError.of([pose(1.0, covariance)]).at_point(point)
+    np.testing.assert_allclose(
+        found, (1 - LEAST_OWN_SHARE) * np.cov(moved.T), atol=0.05 * np.abs(found).max()
+    )
+
+
+def test_what_is_shared_is_taken_out_of_each_pose() -> None:
+    start, step = np.diag([1e-6] * 3 + [0.01] * 3), np.diag([1e-8] * 3 + [0.002] * 3)
+    poses = [pose(0.0, start), pose(0.0, start + step)]
+    own = SharedError.of(poses).taken_out(poses)
+    np.testing.assert_allclose(own[0].covariance, LEAST_OWN_SHARE * start, rtol=1e-6)
+    np.testing.assert_allclose(np.diag(own[1].covariance)[3:], 0.002, rtol=1e-6)
+
+
+def test_unknown_covariances_share_nothing() -> None:
+    unknown = pose(0.0, np.full((6, 6), np.nan))
+    shared = SharedError.of([unknown])
+    assert np.isnan(shared.taken_out([unknown])[0].covariance).all()
+    assert (shared.at_point(np.ones(3)) == 0).all()
+
+
+def test_buffer_forgets_and_never_extrapolates() -> None:
+    buffer = PoseBuffer(kept_ns=10 * NS, max_gap_ns=NS)
+    zero = np.zeros((6, 6))
+    for second in (5, 1, 3, 2, 4, 7):
+        buffer.add(pose(float(second), zero, second * NS))
+    half = buffer.at(5 * NS // 2)
+    assert half is not None
+    assert half.center_in_world[0] == pytest.approx(2.5)
+    assert buffer.at(6 * NS) is None
+    assert buffer.at(8 * NS) is None
+    assert buffer.at(NS // 2) is None
+    buffer.add(pose(30.0, zero, 30 * NS))
+    assert len(buffer) == 1
