@@ -15,7 +15,7 @@ from pathlib import Path
 
 from locate.sample import SAMPLE_VIDEO
 
-STAGES = ("frames", "poses", "detections", "fusion", "report")
+STAGES = ("frames", "poses", "place", "detections", "fusion", "report")
 
 
 def main() -> None:

@@ -8,10 +8,13 @@ import typer
 
 from geometry.errors import LocateError
 from locate import __version__
+from locate.commands.adapt import adapt
 from locate.commands.bos import bos
 from locate.commands.console import err, out
+from locate.commands.detect import detect
 from locate.commands.evaluate import evaluate
 from locate.commands.pattern import pattern
+from locate.commands.robot import robot
 from locate.commands.run import demo, run
 from locate.commands.simulate import simulate
 from locate.commands.train import train
@@ -24,8 +27,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (run, demo, simulate, evaluate, bos, pattern, train):
+for command in (run, demo, detect, adapt, simulate, evaluate, bos, pattern, train):
     app.command()(command)
+app.add_typer(robot)
 
 
 def _version(asked: bool) -> None:

@@ -50,12 +50,35 @@ class FrameImages(Sequence[GreyImage]):
         return self._cache[i]
 
     def _read(self, path: Path) -> GreyImage:
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise BadInputError(f"{path}: not a readable image; repeat the run with --force")
+        if not path.exists():
+            raise BadInputError(f"{path}: is gone; in a run folder, repeat the run with --force")
+        image = read_grey(path)
         if self._map is not None:
-            image = np.rint(sample(image, self._map)).clip(0, 255)
-        return np.asarray(image, np.uint8)
+            image = np.rint(sample(image, self._map)).clip(0, 255).astype(np.uint8)
+        return image
+
+
+def read_grey(path: Path) -> GreyImage:
+    """An image file in grey: colour is weighted, alpha ignored, EXIF's turn of it obeyed.
+
+    16-bit files hold 10, 12, 14 or 16 bits, by the largest value in them, of which 8 are kept.
+
+    Raises:
+        BadInputError: The file cannot be read, or its samples are not of 8 or 16 bits.
+    """
+    try:
+        content = np.fromfile(path, dtype=np.uint8)
+        image = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH) if len(content) else None
+    except (OSError, cv2.error) as error:
+        raise BadInputError(f"{path}: cannot be read ({error})") from error
+    if image is None:
+        raise BadInputError(f"{path}: not a readable image; remove or replace it")
+    if image.dtype == np.uint16:
+        bits = max(10, 2 * -(-int(image.max()).bit_length() // 2))
+        image = np.rint(image / np.float32(1 << (bits - 8))).clip(0, 255).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise BadInputError(f"{path}: samples are {image.dtype}; save it with 8 or 16 bits")
+    return np.asarray(image)
 
 
 def bending(camera: Camera) -> FloatMap | None:

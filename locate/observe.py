@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from detect.bos import BosDetector
 from detect.detection import Detection, Detector, Frames
-from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.npz import read_npz
 from geometry.trajectory import Trajectory
+from locate.atomic import replacing
 from locate.images import FrameImages
 from locate.journal import Report
 from locate.video.motion import median_motion
@@ -62,13 +61,7 @@ class Recorded:
 
 
 def observe(
-    recorded: Recorded,
-    detector_name: str,
-    folder: Path,
-    *,
-    points_path: Path,
-    most: int,
-    report: Report,
+    recorded: Recorded, detector: Detector, folder: Path, *, most: int, report: Report
 ) -> str:
     """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
 
@@ -76,26 +69,17 @@ def observe(
     """
     folder.mkdir(exist_ok=True)
     frames = recorded.frames()
-    detector = make_detector(detector_name, points_path)
     rows = spread(len(frames), most, ends=0 if recorded.trajectory is None else ENDS)
     for done, row in enumerate(rows):
         report("detections", done / len(rows))
         path = folder / f"{recorded.indices[row]:06d}.npz"
         if not path.exists():
-            unfinished = path.with_suffix(".tmp")
-            detector.detect(frames, int(row)).save(unfinished)
-            unfinished.replace(path)
+            with replacing(path) as unfinished:
+                detector.detect(frames, int(row)).save(unfinished)
     report("detections", 1.0)
     index = {"detector": detector.name, "indices": recorded.indices[rows].tolist()}
     (folder / "index.json").write_text(json.dumps(index))
     return f"{len(rows)} frames, {detector.name}"
-
-
-def make_detector(name: str, points_path: Path) -> Detector:
-    """The detector of that name; `points_path` may hold the sparse points of the scene."""
-    if name == "bos":
-        return BosDetector()
-    return RegisteredDetector(points_in_world=load_points(points_path))
 
 
 def load_points(path: Path) -> FloatArray | None:
@@ -103,6 +87,12 @@ def load_points(path: Path) -> FloatArray | None:
     if not path.exists():
         return None
     return np.asarray(read_npz(path)["points_in_world"], dtype=float)
+
+
+def save_points(path: Path, points_in_world: FloatArray) -> None:
+    """Writes what `load_points` reads."""
+    with path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, points_in_world=points_in_world)
 
 
 def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:

@@ -1,7 +1,6 @@
 """The run: from a recording to a map, by stages that are joined by files."""
 
 import errno
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,18 +8,21 @@ from typing import Any
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
-from geometry.named_poses import resized
+from geometry.named_poses import read_camera
 from geometry.pose_files import read_named_poses
 from geometry.sfm import reconstruct
 from geometry.trajectory import Trajectory
 from locate.config import RunConfig
 from locate.decide import decide
+from locate.detectors import found_weights, make_detector, single_frame_detector
 from locate.journal import Report, silent
-from locate.observe import Recorded, observe
+from locate.observe import Recorded, load_points, observe, save_points
+from locate.place import Placement, place, telemetry_of
 from locate.plume import PlumeMap
 from locate.publish import publish
 from locate.run_folder import RunFolder, fingerprint_of
 from locate.video import KeyFrames, open_recording, select_frames
+from locate.video.recording import ANY_SIDE
 
 GUESSED_FOCAL = 1.2
 MOVING_SHARE = 0.02
@@ -39,14 +41,25 @@ class Run:
 
     _key_frames: KeyFrames
     _detector: str
+    _at_rest = False
 
     def __init__(
         self, config: RunConfig, output: Path, *, force: bool = False, report: Report = silent
     ) -> None:
         self.config = config
+        self._check_weights()
         self.folder = RunFolder(output, force=force)
         self.root = output
         self._report = report
+
+    def _check_weights(self) -> None:
+        config = self.config
+        if config.weights is not None and config.detector in ("registered", "bos"):
+            raise BadInputError(
+                f"{config.weights}: {config.detector} has no weights; use --detector dybs or auto"
+            )
+        if config.weights is not None or config.detector == "dybs":
+            single_frame_detector(config.weights)
 
     def run(self) -> PlumeMap:
         """Does what is left to do, and returns the map.
@@ -91,31 +104,27 @@ class Run:
         """The camera of the kept frames, where the user gave one."""
         if self.config.camera is None:
             return None
-        try:
-            content = json.loads(self.config.camera.read_text())
-            camera = Camera.from_dict(content.get("camera", content))
-            return resized(camera, self._key_frames.width, self._key_frames.height)
-        except (OSError, ValueError, AttributeError, BadInputError) as error:
-            raise BadInputError(f"{self.config.camera}: not a camera file ({error})") from error
+        return read_camera(self.config.camera, self._key_frames.width, self._key_frames.height)
 
     def _focal_prior_px(self) -> float | None:
         if self.config.focal_px is None:
             return self._key_frames.focal_prior_px
-        own_width = open_recording(self.config.recording, max_side=1 << 30).width
+        own_width = open_recording(self.config.recording, max_side=ANY_SIDE).width
         return self.config.focal_px * self._key_frames.width / own_width
 
     def _recorded(self) -> Recorded:
         """The frames with all that is known of their camera and its poses."""
         asked, frames = self.config.detector, self._key_frames
-        self._detector = "registered" if asked == "auto" else asked
-        if asked == "bos" or (asked == "auto" and frames.static and self.config.poses is None):
+        may_rest = asked in ("auto", "dybs")
+        if asked == "bos" or (may_rest and frames.static and self.config.poses is None):
             return self._still()
         try:
             self._find_poses()
         except RegistrationError as error:
-            if asked == "auto" and error.failure is RegistrationFailure.STATIC_CAMERA:
+            if may_rest and error.failure is RegistrationFailure.STATIC_CAMERA:
                 return self._still()
             raise
+        self._detector = self._chosen("registered")
         trajectory = Trajectory.load(self.root / "trajectory.json")
         names = dict(zip(frames.indices.tolist(), frames.names, strict=True))
         return Recorded(
@@ -127,8 +136,9 @@ class Run:
         )
 
     def _still(self) -> Recorded:
-        """The frames of a camera at rest, for the bos detector."""
-        self._detector = "bos"
+        """The frames of a camera at rest."""
+        self._at_rest = True
+        self._detector = self._chosen("bos")
         frames, camera = self._key_frames, self._known_camera()
         if camera is None:
             focal_px = self._focal_prior_px() or GUESSED_FOCAL * max(frames.width, frames.height)
@@ -140,12 +150,18 @@ class Run:
             camera=camera,
         )
         drift_px = recorded.drift_px()
-        if drift_px > MOVING_SHARE * frames.width:
+        if self._detector != "dybs" and drift_px > MOVING_SHARE * frames.width:
             raise BadInputError(
                 f"{self.config.recording}: bos needs a camera at rest and the image moves by "
                 f"{drift_px:.0f} px; use --detector registered"
             )
         return recorded
+
+    def _chosen(self, usual: str) -> str:
+        """The detector asked for; ``auto`` takes the usual one, helped by dybs where it can."""
+        if self.config.detector != "auto":
+            return self.config.detector
+        return usual if found_weights(self.config.weights) is None else f"{usual}+dybs"
 
     def _find_poses(self) -> None:
         config = self.config
@@ -156,6 +172,7 @@ class Run:
         inputs["focal_px"] = config.focal_px
         build = self._register if config.poses is None else self._take_given_poses
         self.folder.stage("poses", after=("frames",), inputs=inputs, build=build)
+        self._place()
 
     def _register(self, folder: Path) -> str:
         frames = self._key_frames
@@ -174,7 +191,6 @@ class Run:
             progress=lambda _, share: self._report("poses", share),
         )
         result.save(folder / "sfm")
-        result.trajectory.save(folder / "trajectory.json")
         return f"{len(result.trajectory)} of {len(frames)} frames, {result.report['method']}"
 
     def _take_given_poses(self, folder: Path) -> str:
@@ -186,26 +202,62 @@ class Run:
             frames.times_s,
             size=(frames.width, frames.height),
         )
-        trajectory.save(folder / "trajectory.json")
+        (folder / "sfm").mkdir(exist_ok=True)
+        trajectory.save(folder / "sfm" / "trajectory.json")
         return f"{len(trajectory)} of {len(self._key_frames)} frames, given"
+
+    def _place(self) -> None:
+        """Turns and scales the reconstruction to what telemetry says of it."""
+        config = self.config
+        telemetry = telemetry_of(config.recording, config.telemetry)
+        inputs = {
+            "telemetry": [fingerprint_of(path) for path in telemetry],
+            "camera_height_m": config.camera_height_m,
+        }
+
+        def build(folder: Path) -> str:
+            trajectory = Trajectory.load(self.root / "sfm" / "trajectory.json")
+            points = load_points(self.root / "sfm" / "points.npz")
+            placement = place(
+                trajectory,
+                self._key_frames,
+                telemetry,
+                asked=config.telemetry is not None,
+                camera_height_m=config.camera_height_m,
+                points_in_world=points,
+            )
+            placement.save(folder / "placement.json")
+            placement.moved(trajectory).save(folder / "trajectory.json")
+            if points is not None:
+                save_points(folder / "points.npz", placement.moved_points(points))
+            return placement.summary()
+
+        self.folder.stage("place", after=("poses",), inputs=inputs, build=build)
 
     def _detect(self, recorded: Recorded) -> None:
         def build(folder: Path) -> str:
+            detector = make_detector(
+                self._detector,
+                points_in_world=load_points(self.root / "points.npz"),
+                weights=self.config.weights,
+            )
             return observe(
                 recorded,
-                self._detector,
+                detector,
                 folder / "detections",
-                points_path=self.root / "sfm" / "points.npz",
                 most=self.config.detection_frames,
                 report=self._report,
             )
 
-        inputs = {
+        inputs: dict[str, Any] = {
             "detector": self._detector,
             "frames": self.config.detection_frames,
             "camera": recorded.camera.to_dict(),
         }
-        after = ("frames",) if recorded.trajectory is None else ("frames", "poses")
+        weights = found_weights(self.config.weights)
+        if weights is not None and "dybs" in self._detector:
+            inputs["weights"] = fingerprint_of(weights)
+        after = ("frames",) if recorded.trajectory is None else ("frames", "place")
         self.folder.stage("detections", after=after, inputs=inputs, build=build)
 
     def _decide(self, recorded: Recorded) -> None:
@@ -217,10 +269,10 @@ class Run:
                 seed=self.config.seed,
                 report=self._report,
             )
-            plume_map = replace(
-                plume_map,
-                notes=(*plume_map.notes, *self._focal_notes(), *self._key_frames.warnings),
-            )
+            placement = Placement.load(self.root / "placement.json")
+            plume_map = placement.widened(plume_map)
+            notes = (*placement.notes, *self._focal_notes(), *self._key_frames.warnings)
+            plume_map = replace(plume_map, notes=(*plume_map.notes, *notes))
             plume_map.save(folder / "map.json")
             return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
 
@@ -231,7 +283,7 @@ class Run:
         known = self.config.camera or self.config.poses or self.config.focal_px
         if known or self._key_frames.focal_prior_px is not None:
             return ()
-        how = "guessed" if self._detector == "bos" else "estimated from the frames"
+        how = "guessed" if self._at_rest else "estimated from the frames"
         return (f"The focal length is {how}; give it with --focal or --camera if you know it.",)
 
     def _publish(self, recorded: Recorded) -> None:

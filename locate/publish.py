@@ -11,11 +11,21 @@ from geometry.grid import Box
 from geometry.npz import read_npz
 from locate import __version__
 from locate.export.geojson import write_geojson
+from locate.export.geopackage import write_geopackage
+from locate.export.kml import write_kml
 from locate.export.ply import write_plumes_ply
 from locate.export.report import ReportFrame, StageTime, write_report
+from locate.export.waypoints import write_cup, write_gpx
 from locate.observe import Recorded, load_detections, load_points
 from locate.plume import Plume, PlumeMap
 
+GEOREFERENCED = {
+    "plumes.geojson": write_geojson,
+    "plumes.kml": write_kml,
+    "plumes.gpkg": write_geopackage,
+    "plumes.gpx": write_gpx,
+    "plumes.cup": write_cup,
+}
 SHOWN_FRAMES = 8
 REACH_RADII = 1.5
 
@@ -28,7 +38,7 @@ def publish(
     stages: Sequence[StageTime],
     settings: Mapping[str, Any],
 ) -> str:
-    """Writes plumes.ply, plumes.geojson where the map is georeferenced, and report.html.
+    """Writes plumes.ply, report.html, and where the map is georeferenced what GIS and pilots read.
 
     Args:
         root: The run folder with its earlier stages.
@@ -46,8 +56,9 @@ def publish(
         displacement_px=voxels[:, 4],
     )
     if plume_map.georeference is not None:
-        write_geojson(folder / "plumes.geojson", plume_map)
-    points = load_points(root / "sfm" / "points.npz")
+        for name, write in GEOREFERENCED.items():
+            write(folder / name, plume_map)
+    points = load_points(root / "points.npz")
     write_report(
         folder / "report.html",
         plume_map=plume_map,

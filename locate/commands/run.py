@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from locate.commands.console import Output, Verbose, err, out
+from locate.commands.console import Output, Verbose, Weights, err, out
 from locate.config import DetectorName, RunConfig
 from locate.journal import interruptible, journal, progress_bars, silent
 
@@ -16,6 +16,7 @@ def run(
     detector: Annotated[
         DetectorName, typer.Option(help="How refraction is seen; auto looks at the motion.")
     ] = "auto",
+    weights: Weights = None,
     poses: Annotated[
         Path | None,
         typer.Option(help="Known poses: TUM, COLMAP model, transforms.json, trajectory.json."),
@@ -26,6 +27,14 @@ def run(
     focal: Annotated[
         float | None, typer.Option(min=1e-6, help="Focal length in px of the recording's frames.")
     ] = None,
+    telemetry: Annotated[
+        Path | None,
+        typer.Option(help="GPS beside the recording: SRT, GPX, CSV, autopilot log, photos."),
+    ] = None,
+    camera_height: Annotated[
+        float | None,
+        typer.Option(min=1e-3, help="Height of the camera above the ground in m; sets the scale."),
+    ] = None,
     max_frames: Annotated[int, typer.Option(min=2, help="The most frames to use.")] = 120,
     force: Annotated[bool, typer.Option("--force", help="Do every stage again.")] = False,
     verbose: Verbose = False,
@@ -34,9 +43,12 @@ def run(
     config = RunConfig(
         recording=recording,
         detector=detector,
+        weights=weights,
         poses=poses,
         camera=camera,
         focal_px=focal,
+        telemetry=telemetry,
+        camera_height_m=camera_height,
         max_frames=max_frames,
     )
     _run(config, output, force=force, verbose=verbose)

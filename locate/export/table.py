@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from rich.table import Table
 
+from locate.export.located import LocatedPlume, located
 from locate.plume import Bearing, Plume, PlumeMap
 
 Row = tuple[str, str, str]
@@ -17,13 +18,28 @@ def map_table(plume_map: PlumeMap) -> Table:
     table.add_column("quantity")
     table.add_column("value", justify="right")
     table.add_column("unit")
-    blocks = [(f"{plume.id}", plume_rows(plume, plume_map.unit_name)) for plume in plume_map.plumes]
-    blocks += [(f"{i + 1}", bearing_rows(b)) for i, b in enumerate(plume_map.bearings)]
-    for name, rows in blocks:
+    for kind, rows in answer_rows(plume_map):
+        name = kind.split()[-1]
         for i, row in enumerate(rows):
             table.add_row(name if i == 0 else "", *row)
         table.add_section()
     return table
+
+
+def answer_rows(plume_map: PlumeMap) -> Iterator[tuple[str, list[Row]]]:
+    """Everything that was found, by its name ("Plume 1", "Bearing 2"), and its quantities."""
+    places = located(plume_map) if plume_map.georeference else [None] * len(plume_map.plumes)
+    for plume, place in zip(plume_map.plumes, places, strict=True):
+        rows = [*plume_rows(plume, plume_map.unit_name)]
+        yield f"Plume {plume.id}", [*(place_rows(place) if place else ()), *rows]
+    for number, bearing in enumerate(plume_map.bearings, start=1):
+        yield f"Bearing {number}", [*bearing_rows(bearing)]
+
+
+def place_rows(place: LocatedPlume) -> Iterator[Row]:
+    """(description, value, unit) of where on the Earth a source is."""
+    yield "latitude, longitude (WGS84)", f"{place.lat_deg:.7f}, {place.lon_deg:.7f}", "deg"
+    yield f"height above {place.datum}", f"{place.height_m:.2f}", "m"
 
 
 def plume_rows(plume: Plume, unit: str) -> Iterator[Row]:

@@ -8,7 +8,7 @@ from locate.simulation.plume import PlumeField
 from locate.simulation.render import Renderer
 from locate.simulation.scene import Scene
 from locate.simulation.world import World
-from locate.simulation.writer import make_folder, open_video, write_summary, write_truth
+from locate.simulation.writer import make_folder, open_recording, write_summary, write_truth
 
 Progress = Callable[[int, int], None]
 
@@ -35,7 +35,7 @@ def simulate(scene: Scene, output: Path, *, progress: Progress = silent) -> None
     trajectory = fly(scene)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
     renderer = Renderer(scene, World(scene), fields, trajectory)
-    with open_video(output, scene.video, trajectory.camera) as video:
+    with open_recording(output, scene.video, trajectory.camera) as video:
         for i in range(len(trajectory)):
             image, truth = renderer.render(i)
             video.write(image)

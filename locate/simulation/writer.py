@@ -1,13 +1,11 @@
 """The files of a simulated recording: the video, and the truth beside it."""
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from fractions import Fraction
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
-import av
 import cv2
 import numpy as np
 
@@ -18,6 +16,7 @@ from geometry.trajectory import Trajectory
 from locate.simulation.plume import PlumeField
 from locate.simulation.render import Truth
 from locate.simulation.scene import VideoBlock
+from locate.video.writer import H264, LOSSLESS, open_video
 
 SCHEMA = "locate.truth/1"
 LARGEST_HALF = 6e4
@@ -31,37 +30,18 @@ class FrameSink(Protocol):
         ...
 
 
-class _Video:
-    def __init__(self, container: Any, stream: Any) -> None:
-        self._container = container
-        self._stream = stream
-        self._count = 0
-
-    def write(self, image: GreyImage) -> None:
-        frame = av.VideoFrame.from_ndarray(image, format="gray")
-        frame.pts = self._count
-        frame.time_base = self._stream.codec_context.time_base
-        self._count += 1
-        if self._stream.codec_context.pix_fmt != "gray":
-            frame = frame.reformat(format=self._stream.codec_context.pix_fmt)
-        self._container.mux(self._stream.encode(frame))
-
-
-@contextmanager
-def open_video(folder: Path, video: VideoBlock, camera: Camera) -> Iterator[FrameSink]:
+def open_recording(
+    folder: Path, video: VideoBlock, camera: Camera
+) -> AbstractContextManager[FrameSink]:
     """DIR/video.mkv (FFV1, lossless) or DIR/video.mp4 (H.264), complete when the block ends."""
     lossless = video.codec == "ffv1"
-    path = folder / ("video.mkv" if lossless else "video.mp4")
-    rate = Fraction(video.fps).limit_denominator(1001)
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("ffv1" if lossless else "libx264", rate=rate)
-        stream.width, stream.height = camera.width, camera.height
-        stream.pix_fmt = "gray" if lossless else "yuv420p"
-        stream.codec_context.time_base = 1 / rate
-        if not lossless:
-            stream.options = {"crf": str(video.crf)}
-        yield _Video(container, stream)
-        container.mux(stream.encode())
+    return open_video(
+        folder / ("video.mkv" if lossless else "video.mp4"),
+        size=(camera.width, camera.height),
+        fps=video.fps,
+        codec=LOSSLESS if lossless else H264,
+        options={} if lossless else {"crf": str(video.crf)},
+    )
 
 
 class FrameFolder:

@@ -1,4 +1,4 @@
-"""A recording: a video or a folder of photos, read frame by frame at the working size."""
+"""A recording: a video or photos, read frame by frame at the working size."""
 
 import re
 from collections.abc import Iterator
@@ -11,9 +11,11 @@ import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
+from locate.images import read_grey
 from locate.video.focal import FocalPrior, focal_of_photo, focal_of_video
 
 DEFAULT_MAX_SIDE = 1280
+ANY_SIDE = 1 << 30
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"})
 MISSING_TAIL_S = 0.5
 UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
@@ -31,10 +33,10 @@ class Frame:
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """A video or a folder of photos; `frames` reads it from the start, as often as asked.
+    """A video or photos; `frames` reads it from the start, as often as asked.
 
     Attributes:
-        path: The video or the folder.
+        path: The video, the folder or the photo.
         photos: The photos in natural order; empty for a video.
         width: Working width, px.
         height: Working height, px.
@@ -57,7 +59,7 @@ class Recording:
 
     @property
     def is_video(self) -> bool:
-        """False for a folder of photos."""
+        """False for photos."""
         return not self.photos
 
     @property
@@ -91,10 +93,10 @@ class Recording:
 
 
 def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording:
-    """Opens a video or a folder of photos.
+    """Opens a video, a folder of photos or a photo.
 
     Args:
-        path: A video file, or a folder of .jpg, .png, .tif or .webp files.
+        path: A video file, or .jpg, .png, .tif or .webp: one, or a folder of them.
         max_side: Longer images are reduced to this many px on the longest side.
 
     Raises:
@@ -102,10 +104,11 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
     """
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
-    if path.is_dir():
-        photos = _list_photos(path)
-        _, name, first = next(_photos(photos[:1]))
-        focal = focal_of_photo(path / name)
+    is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES
+    if path.is_dir() or is_photo:
+        photos = (path,) if is_photo else _list_photos(path)
+        _, _, first = next(_photos(photos[:1]))
+        focal = focal_of_photo(photos[0])
         expected_frames = len(photos)
     else:
         photos = ()
@@ -147,14 +150,7 @@ def _list_photos(folder: Path) -> tuple[Path, ...]:
 
 def _photos(paths: tuple[Path, ...]) -> Iterator[tuple[float, str, GreyImage]]:
     for index, path in enumerate(paths):
-        try:
-            content = np.fromfile(path, dtype=np.uint8)
-            image = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
-        except (OSError, cv2.error) as error:
-            raise BadInputError(f"{path}: cannot be read ({error})") from error
-        if image is None:
-            raise BadInputError(f"{path}: not a readable image; remove or replace it")
-        yield float(index), path.name, np.asarray(image, dtype=np.uint8)
+        yield float(index), path.name, read_grey(path)
 
 
 def _open_video(path: Path) -> "av.container.InputContainer":

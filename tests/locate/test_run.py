@@ -18,7 +18,7 @@ from locate.sample import SAMPLE, SAMPLE_VIDEO
 
 FRAMES = "14"
 MID_STAGE = {"poses": "sfm/database.db", "detections": "detections/*.npz"}
-STAGES = ("frames", "poses", "detections", "fusion", "report")
+STAGES = ("frames", "poses", "place", "detections", "fusion", "report")
 
 
 def command(*arguments: object) -> list[str]:

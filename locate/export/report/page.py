@@ -14,7 +14,7 @@ import numpy as np
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.trajectory import Trajectory
 from locate.export.report import pictures, scene, words
-from locate.export.table import bearing_rows, plume_rows
+from locate.export.table import answer_rows
 from locate.plume import PlumeMap
 
 
@@ -127,10 +127,7 @@ def _list(sentences: Iterable[str]) -> str:
 
 
 def _answer_table(plume_map: PlumeMap) -> str:
-    columns = [(f"Plume {p.id}", [*plume_rows(p, plume_map.unit_name)]) for p in plume_map.plumes]
-    columns += [
-        (f"Bearing {i}", [*bearing_rows(b)]) for i, b in enumerate(plume_map.bearings, start=1)
-    ]
+    columns = [*answer_rows(plume_map)]
     if not columns:
         return f"<p>{escape(plume_map.limit_text())}</p>"
     labels = dict.fromkeys((row[0], row[2]) for _, rows in columns for row in rows)

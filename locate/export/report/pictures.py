@@ -4,12 +4,11 @@ from base64 import b64encode
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry.arrays import FloatMap, GreyImage
+from locate.pictures import Picture, evidence_layer, heat
 
 MAX_WIDTH = 640
-FULL_ALPHA = 0.8
 
 
 def fitted_size(image: GreyImage) -> tuple[int, int]:
@@ -28,16 +27,14 @@ def frame_uri(image: GreyImage) -> str:
 def evidence_uri(llr: FloatMap, size: tuple[int, int], full_scale_nats: float) -> str:
     """A WebP of the positive evidence: transparent at 0 nats, hot at `full_scale_nats`."""
     resized = cv2.resize(np.asarray(llr, dtype=np.float32), size, interpolation=cv2.INTER_AREA)
-    strength = np.clip(resized / full_scale_nats, 0.0, 1.0)
-    picture = _heat(strength)
-    picture[..., 3] = (255 * FULL_ALPHA * np.minimum(1.0, 1.6 * strength)).astype(np.uint8)
-    return _uri("webp", picture, [cv2.IMWRITE_WEBP_QUALITY, 70])
+    layer = evidence_layer(np.asarray(resized), full_scale_nats)
+    return _uri("webp", layer, [cv2.IMWRITE_WEBP_QUALITY, 70])
 
 
 def heat_stops(count: int = 8) -> list[str]:
     """CSS colours from no evidence to full scale."""
     strength = np.linspace(0, 1, count, dtype=np.float32)[None]
-    rows = _heat(strength)[0, :, :3]
+    rows = heat(strength)[0]
     return [f"rgb({red},{green},{blue})" for blue, green, red in rows.tolist()]
 
 
@@ -49,14 +46,7 @@ def full_scale_nats(maps: list[FloatMap]) -> float:
     return float(np.clip(np.ceil(2 * top) / 2, 1.0, 20.0))
 
 
-def _heat(strength: FloatMap) -> NDArray[np.uint8]:
-    """(H, W, 4) BGRA of (H, W) values in 0 to 1; the dark end of the map is left out."""
-    level = (80 + 170 * strength).astype(np.uint8)
-    bgr = cv2.applyColorMap(level, cv2.COLORMAP_INFERNO)
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA), dtype=np.uint8)
-
-
-def _uri(kind: str, picture: NDArray[np.uint8], options: list[int]) -> str:
+def _uri(kind: str, picture: Picture, options: list[int]) -> str:
     done, encoded = cv2.imencode(f".{'jpg' if kind == 'jpeg' else kind}", picture, options)
     if not done:
         raise RuntimeError(f"OpenCV could not encode a {kind} picture")

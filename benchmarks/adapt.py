@@ -1,0 +1,175 @@
+"""What adapting to a background brings: the single-frame network before and after.
+
+    python benchmarks/adapt.py photos PHOTOS NETWORK.onnx [--runs RUNS] [--count 6] [--minutes 2]
+    python benchmarks/adapt.py pairs PAIRS NETWORK.onnx [--minutes 2]
+
+`photos`: of each held-out photo (the test split), the view of a camera at half the photo's size is
+made without a plume, which the network learns from, and 24 views through plumes it has not seen
+(simulated runs of the test split with --runs), which it is judged on; no image is interpolated.
+Each view has its own sensor noise; the camera stands still.
+
+`pairs`: the reference image of each real pair is learned from, the distorted one judged; truth is
+the two-frame flow of `bos`, which is no independent truth. A pixel is a plume where that is above
+three times its sigma and 0.2 px, still where it is below 0.1 px.
+"""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from detect.bos import BosDetector
+from detect.detection import Frames
+from detect.dybs import DybsDetector
+from detect.dybs.adapt import adapt
+from detect.dybs.detector import SingleFrame
+from detect.scores import auroc, average_precision
+from detect.synthesis import Recipe, Sample, Sources
+from detect.synthesis.camera import OVERSAMPLING
+from detect.synthesis.flows import runs_in
+from detect.synthesis.raster import REACH_PX, as_background, canvas_side, photos_in
+from detect.synthesis.sample import seen_through_plume
+from geometry.arrays import BoolArray, FloatMap, GreyImage
+from locate.images import read_grey
+
+VIEWS, LARGEST_VIEW_PX = 24, 320
+PAIRS = {
+    "blowtorch_plume": ("sop_enc_test_000.tif", "sop_enc_test_001.tif"),
+    "supersonic_jet": ("A000.tif", "A001.tif"),
+}
+THINNED = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """One distorted image and what is true of it."""
+
+    image: GreyImage
+    displacement: FloatMap
+    plume: BoolArray
+    still: BoolArray
+
+
+def of_sample(sample: Sample) -> Judged:
+    size_px = np.linalg.norm(sample.displacement, axis=-1)
+    return Judged(
+        image=sample.image,
+        displacement=sample.displacement,
+        plume=size_px > 0.06,
+        still=size_px < 0.02,
+    )
+
+
+def views(photo: GreyImage, seed: int, runs: tuple[Path, ...]) -> Iterator[Sample]:
+    """What a still camera sees before a photo: at first nothing but it, then plumes."""
+    largest = min(min(photo.shape) // 2 - 2 * REACH_PX, LARGEST_VIEW_PX)
+    size_px = largest // 16 * 16
+    side = canvas_side(size_px)
+    crop = side * 2 // OVERSAMPLING
+    y, x = ((n - crop) // 2 for n in photo.shape)
+    part = photo[y : y + crop, x : x + crop].astype(np.float32) / 255
+    enlarged = cv2.resize(part, (side, side), interpolation=cv2.INTER_CUBIC)
+    background = as_background(np.clip(enlarged, 0, 1))
+    for k in range(VIEWS + 1):
+        recipe = Recipe(
+            size_px=size_px,
+            families={"photo": 1},
+            photos=Path(),
+            negatives=1.0 if k == 0 else 0.2,
+            plume_length=(0.5, 2.0),
+            gamma=(1, 1),
+            psf_sigma_px=(0.45, 0.45),
+            jpeg_share=0,
+        )
+        rng = np.random.default_rng([seed, k])
+        yield seen_through_plume(background, "photo", rng, recipe, Sources(runs=runs), shift_px=0)
+
+
+def of_pair(reference: GreyImage, image: GreyImage) -> Judged:
+    found = BosDetector(reference=reference).detect(Frames(images=[image]), 0)
+    size_px = np.linalg.norm(found.displacement, axis=-1)
+    return Judged(
+        image=image,
+        displacement=found.displacement,
+        plume=(size_px > 3 * found.sigma_px) & (size_px > 0.2),
+        still=size_px < 0.1,
+    )
+
+
+def row(weights: Path, judged: list[Judged]) -> str:
+    """AUROC / AP of the logit, r, error / of zero, and share of still pixels above 2 nats."""
+    eye, thin = SingleFrame(weights), (slice(None, None, THINNED),) * 2
+    calibrated = eye.network.json("calibration") is not None
+    detector = DybsDetector(weights) if calibrated else None
+    scores, labels, found, true, said, errors, sizes = [], [], [], [], [], [], []
+    for one in judged:
+        look = eye.look(one.image)
+        counts = (one.plume | one.still)[thin]
+        scores.append(look.scores[thin][counts][:, 0])
+        labels.append(one.plume[thin][counts])
+        found.append(look.displacement[thin].reshape(-1))
+        true.append(one.displacement[thin].reshape(-1))
+        error = np.linalg.norm(look.displacement - one.displacement, axis=-1)
+        errors.append(error[one.plume])
+        sizes.append(np.linalg.norm(one.displacement, axis=-1)[one.plume])
+        if detector is not None:
+            llr = detector.judge(look).llr
+            said.append([(llr[one.plume] > 2).mean(), (llr[one.still] > 2).mean()])
+    score, label = np.concatenate(scores), np.concatenate(labels)
+    r = np.corrcoef(np.concatenate(found), np.concatenate(true))[0, 1]
+    hit, false = np.nanmean(said, axis=0) if said else (np.nan, np.nan)
+    return (
+        f"{auroc(score, label):.3f} / {average_precision(score, label):.3f} ({label.mean():.3f})   "
+        f"{r:.3f}   {np.concatenate(errors).mean():.3f} / {np.concatenate(sizes).mean():.3f}   "
+        f"{hit:.3f} / {false:.4f}"
+    )
+
+
+def compare(name: str, known: GreyImage, judged: list[Judged], start: Path, minutes: float) -> None:
+    print(f"{name} {known.shape}, plain:   {row(start, judged)}", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "adapted.onnx"
+        began = time.process_time()
+        adapt(start, [known], path, minutes=minutes, report=lambda *_: None)
+        spent = time.process_time() - began
+        heard = ", ".join((SingleFrame(path).network.json("calibration") or {})["classes"])
+        print(
+            f"{name} {known.shape}, adapted: {row(path, judged)}   {spent:.0f} CPU s, "
+            f"heard: {heard or 'nothing'}",
+            flush=True,
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kind", choices=["photos", "pairs"])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("network", type=Path)
+    parser.add_argument("--runs", type=Path)
+    parser.add_argument("--count", type=int, default=6)
+    parser.add_argument("--minutes", type=float, default=2.0)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    print("AUROC / AP (prior)   r   error in plumes / of zero, px   llr > 2 in plume / still")
+    if arguments.kind == "pairs":
+        for name, files in PAIRS.items():
+            reference, image = (read_grey(arguments.folder / name / file) for file in files)
+            judged = [of_pair(reference, image)]
+            compare(name, reference, judged, arguments.network, arguments.minutes)
+        return
+    photos = photos_in(arguments.folder, "test")
+    chosen = np.linspace(0, len(photos) - 1, arguments.count).astype(int)
+    runs = runs_in(arguments.runs, "test") if arguments.runs else ()
+    for k in chosen:
+        first, *others = views(read_grey(photos[k]), int(k), runs)
+        judged = [of_sample(sample) for sample in others]
+        compare(photos[k].stem, first.image, judged, arguments.network, arguments.minutes)
+
+
+if __name__ == "__main__":
+    main()

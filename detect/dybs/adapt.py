@@ -1,0 +1,174 @@
+"""The single-frame detector, taught the user's own background in a minute or two."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from detect.dybs.calibrate import PLUME_PX, calibrate, labels_of
+from detect.dybs.detector import SingleFrame
+from detect.scores import auroc
+from detect.synthesis import Sample, Shard
+from detect.synthesis.own import HALF, hazy_samples, own_samples
+from geometry.arrays import GreyImage
+
+HELD_OUT = 5
+"""Of so many images, one is not learned from."""
+CROPS_PER_MINUTE, STEPS_PER_MINUTE = 300, 500
+JUDGED = 32
+THINNED = 5
+
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """How well a network sees plumes that it was not trained on.
+
+    Attributes:
+        auroc: Of its logit, displaced pixels against still ones.
+        correlation: Of its displacement with the true one, over all pixels.
+        error_px: Mean length of its displacement's error where there is a plume.
+        zero_error_px: The same for an answer of zero.
+    """
+
+    auroc: float
+    correlation: float
+    error_px: float
+    zero_error_px: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adapted:
+    """What adapting did.
+
+    Attributes:
+        learned: From how many images.
+        held_out: How many others it was judged on; 0 where there was but one, which was then
+            judged through other plumes.
+        before: The network it began with, on the same samples.
+        after: The adapted one.
+        heard: The texture classes that it has evidence in.
+    """
+
+    learned: int
+    held_out: int
+    before: Score
+    after: Score
+    heard: tuple[str, ...]
+
+
+def adapt(
+    start: Path,
+    images: Sequence[GreyImage],
+    path: Path,
+    *,
+    minutes: float = 2.0,
+    seed: int = 0,
+    report: Report,
+) -> Adapted:
+    """Fine-tunes a network on images of one's own, calibrates it, and writes it.
+
+    It learns at half the images' size, where synthesis cannot leak, and its file says so by
+    `scale`. How many samples and steps a minute has is fixed, about what a thread of an ordinary
+    processor does: the result does not depend on how busy the machine is.
+
+    Args:
+        start: The .onnx file to begin with, fp32.
+        images: Without a plume.
+        path: The .onnx file to write.
+        minutes: About half goes into samples, half into steps.
+        seed: Of every random choice.
+        report: Told of progress, (what, share done).
+
+    Raises:
+        BadInputError: The start is not a network of ours, an image is too small, or PATH cannot
+            be written.
+    """
+    from detect.learning.adapt import fine_tune
+
+    SingleFrame(start)
+    learned, held = divided(images)
+    crops = max(round(minutes * CROPS_PER_MINUTE / 2), 1)
+    haze = hazy_samples(
+        learned, crops, seed=seed, scale=HALF, progress=lambda share: report("samples", share / 2)
+    )
+    plumes = own_samples(
+        learned,
+        crops,
+        seed=seed + 1,
+        scale=HALF,
+        progress=lambda share: report("samples", (1 + share) / 2),
+    )
+    report("samples", 1)
+    unfinished = path.with_name(f".{path.name}.partial")
+    watched = own_samples(held, JUDGED, seed=seed + 2, scale=HALF)
+    steps = max(round(minutes * STEPS_PER_MINUTE), 2)
+    data = f"{len(learned)} images of its user"
+    try:
+        fine_tune(
+            start,
+            haze,
+            plumes,
+            watched,
+            unfinished,
+            steps=steps,
+            scale=HALF,
+            data=data,
+            report=report,
+        )
+        report("calibration", 0)
+        reference = own_samples(held, JUDGED, seed=seed + 3, scale=1)
+        calibration = calibrate(unfinished, each(reference))
+        judged = own_samples(held, JUDGED, seed=seed + 4, scale=1)
+        answer = Adapted(
+            learned=len(learned),
+            held_out=0 if held is learned else len(held),
+            before=score(start, each(judged)),
+            after=score(unfinished, each(judged)),
+            heard=tuple(calibration.scales),
+        )
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    report("calibration", 1)
+    return answer
+
+
+def divided(images: Sequence[GreyImage]) -> tuple[Sequence[GreyImage], Sequence[GreyImage]]:
+    """The images to learn from, and those to judge by; a single one is both."""
+    if len(images) < 2:
+        return images, images
+    held = set(range(HELD_OUT // 2, len(images), HELD_OUT)) or {len(images) - 1}
+    learned = [images[i] for i in range(len(images)) if i not in held]
+    return learned, [images[i] for i in sorted(held)]
+
+
+def each(shard: Shard) -> Iterable[Sample]:
+    """The samples of a shard."""
+    return (shard.sample(i) for i in range(len(shard)))
+
+
+def score(weights: Path, samples: Iterable[Sample]) -> Score:
+    """Scores a network's file as it would be used, whatever its `scale`."""
+    eye = SingleFrame(weights)
+    thin = (slice(None, None, THINNED),) * 2
+    logits, plumes, found, true = [], [], [], []
+    for sample in samples:
+        look = eye.look(sample.image)
+        plume, counts = (map_[thin] for map_ in labels_of(sample))
+        logits.append(look.scores[thin][counts][:, 0])
+        plumes.append(plume[counts])
+        found.append(look.displacement[thin].reshape(-1, 2))
+        true.append(sample.displacement[thin].reshape(-1, 2))
+    said, there = np.concatenate(found), np.concatenate(true)
+    size_px = np.linalg.norm(there, axis=-1)
+    plume = size_px > PLUME_PX
+    error_px = np.linalg.norm(said - there, axis=-1)
+    return Score(
+        auroc=auroc(np.concatenate(logits), np.concatenate(plumes)),
+        correlation=float(np.corrcoef(said.ravel(), there.ravel())[0, 1]),
+        error_px=float(error_px[plume].mean()),
+        zero_error_px=float(size_px[plume].mean()),
+    )

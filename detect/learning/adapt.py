@@ -1,0 +1,104 @@
+"""A trained network taught one background more: a short training that begins with its weights."""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import onnx
+import torch
+
+from detect.learning.checkpoint import read_checkpoint, write_checkpoint
+from detect.learning.config import Augmentation, LossConfig, PoolConfig, Stage, TrainConfig
+from detect.learning.export import save
+from detect.learning.pools import as_input
+from detect.learning.reread import read_network, revive_norms
+from detect.learning.trainer import train
+from detect.network import Network
+from detect.synthesis import Shard
+from detect.synthesis.dataset import SCHEMA, write_index
+
+HAZE, PLUMES, HELD = "haze", "plumes", "held"
+NORM_SAMPLES = 32
+SEED = 0
+
+Report = Callable[[str, float], None]
+
+
+def fine_tune(
+    start: Path,
+    haze: Shard,
+    plumes: Shard,
+    held: Shard,
+    path: Path,
+    *,
+    steps: int,
+    scale: float,
+    data: str,
+    report: Report,
+) -> None:
+    """Trains a network on and writes it, with no calibration.
+
+    Args:
+        start: The .onnx file to begin with, fp32.
+        haze: Samples that are displaced all over: they teach the background.
+        plumes: Samples with plumes and without.
+        held: Samples to watch it by.
+        path: The .onnx file to write.
+        steps: How many.
+        scale: Of the samples to the images that the network will be shown, for the metadata.
+        data: A line for the metadata: what it learned from.
+        report: Told of progress, (what, share done).
+
+    Raises:
+        BadInputError: The start is not a network of ours, or PATH cannot be written.
+    """
+    kind, network = read_network(start)
+    revive_norms(network, torch.from_numpy(as_input(haze.images[:NORM_SAMPLES, ..., None])))
+    began = Network(start)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for pool, shard in ((HAZE, haze), (PLUMES, plumes), (HELD, held)):
+            write_index(folder / pool, {"schema": SCHEMA})
+            shard.save(folder / pool / "shard_00000.npz")
+        write_checkpoint(folder / "start.pt", {"network": network.state_dict()})
+        config = TrainConfig(
+            name=f"{began.name}-adapted",
+            network=kind,
+            pools={pool: PoolConfig(folder=folder / pool) for pool in (HAZE, PLUMES, HELD)},
+            validation=HELD,
+            stages=_stages(steps),
+            augmentation=Augmentation(symmetries="none"),
+            mixed_precision=False,
+            seed=SEED,
+            checkpoint_every=steps,
+            validate_every=steps,
+            initial=folder / "start.pt",
+        )
+        last = train(config, folder / "run", report=report)
+        network.load_state_dict(read_checkpoint(last)["network"])
+    trained_on = {"start": began.name, "steps": steps, "data": data}
+    save(network.eval(), path, config.name, kind.channels, trained_on)
+    model = onnx.load(path)
+    props = {entry.key: entry.value for entry in model.metadata_props}
+    onnx.helper.set_model_props(model, props | {"scale": str(scale)})
+    onnx.save(model, path)
+
+
+def _stages(steps: int) -> tuple[Stage, Stage]:
+    """Squared errors throughout: most pixels are still, and others lead to an answer of zero."""
+    return (
+        Stage(
+            name="background",
+            pools={HAZE: 1},
+            steps=steps // 2,
+            learning_rate=(3e-3, 1e-5),
+            losses=LossConfig(charbonnier=0, squared=0.02, mask=0),
+        ),
+        Stage(
+            name="plumes",
+            pools={HAZE: 1, PLUMES: 2},
+            steps=steps - steps // 2,
+            learning_rate=(1e-3, 1e-5),
+            losses=LossConfig(charbonnier=0, squared=0.1, mask=1, likelihood=0.1),
+        ),
+    )

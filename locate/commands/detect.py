@@ -1,0 +1,69 @@
+"""`locate detect`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from locate.commands.console import Output, Weights, err, out
+from locate.journal import interruptible, progress_bars
+
+Name = Literal["dybs", "bos", "registered"]
+
+
+def detect(
+    source: Annotated[Path, typer.Argument(help="An image, a folder of photos or a video.")],
+    output: Output,
+    detector: Annotated[
+        Name,
+        typer.Option(
+            help="dybs: each frame alone; bos: against a reference; registered: with --poses."
+        ),
+    ] = "dybs",
+    weights: Weights = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(help="For bos: an image without plume; else the temporal median."),
+    ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="For registered: TUM, COLMAP model, transforms.json, trajectory.json."),
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="A JSON file with a camera block as in trajectory.json.")
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Look at one of so many frames.")] = 1,
+    threshold: Annotated[
+        float | None, typer.Option(help="Evidence in nats above which a pixel is in the mask.")
+    ] = None,
+) -> None:
+    """Show what bends light in every frame: displacement, evidence, masks, pictures."""
+    from locate.detectors import make_detector
+    from locate.frame_by_frame import MASK_NATS, look
+    from locate.images import read_grey
+
+    seeing = make_detector(
+        detector,
+        weights=weights,
+        reference=None if reference is None else read_grey(reference),
+    )
+    with interruptible(), progress_bars(err) as report:
+        seen = look(
+            source,
+            output,
+            seeing,
+            poses=poses,
+            camera=camera,
+            every=every,
+            threshold_nats=MASK_NATS if threshold is None else threshold,
+            report=report,
+        )
+    strongest = max(seen, key=lambda one: one.largest_px)
+    hits = sum(one.mask_share > 0 for one in seen)
+    judged = sum(one.judged_share for one in seen) / len(seen)
+    out.print(
+        f"Evidence in {hits} of {len(seen)} frames; {detector} judges {judged:.0%} of pixels."
+    )
+    if hits:
+        out.print(f"Largest displacement: {strongest.largest_px:.2f} px in {strongest.frame}.")
+    out.print(f"Pictures: {output / 'pictures'}", soft_wrap=True)

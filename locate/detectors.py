@@ -1,0 +1,63 @@
+"""Which detector a name means."""
+
+from pathlib import Path
+
+import detect
+from detect.bos import BosDetector
+from detect.detection import Detector
+from detect.fused import FusedDetector
+from detect.registered import RegisteredDetector
+from geometry.arrays import FloatArray, GreyImage
+from geometry.errors import BadInputError
+
+DYBS_WEIGHTS = Path(detect.__file__).parent / "dybs" / "weights" / "lite-fast.onnx"
+
+
+def make_detector(
+    name: str,
+    *,
+    points_in_world: FloatArray | None = None,
+    reference: GreyImage | None = None,
+    weights: Path | None = None,
+) -> Detector:
+    """The detector of that name; ``a+b`` is a, helped by b.
+
+    Args:
+        name: ``registered``, ``bos``, ``dybs``, or two of them.
+        points_in_world: (N, 3) sparse points of the scene, for ``registered``.
+        reference: The view without plume, for ``bos``.
+        weights: An .onnx file for ``dybs``; None takes what is installed.
+
+    Raises:
+        BadInputError: The weights are missing or not the network's.
+    """
+    first, _, second = name.partition("+")
+    if second:
+        helped = make_detector(first, points_in_world=points_in_world, reference=reference)
+        return FusedDetector(helped, make_detector(second, weights=weights))
+    if name == "bos":
+        return BosDetector(reference=reference)
+    if name == "dybs":
+        return single_frame_detector(weights)
+    return RegisteredDetector(points_in_world=points_in_world)
+
+
+def single_frame_detector(weights: Path | None) -> Detector:
+    """The dybs detector with these weights, or with those installed.
+
+    Raises:
+        BadInputError: There are none, or they are not the network's.
+    """
+    weights = found_weights(weights)
+    if weights is None:
+        raise BadInputError("dybs has no weights installed; give some with --weights FILE.onnx")
+    from detect.dybs import DybsDetector
+
+    return DybsDetector(weights)
+
+
+def found_weights(weights: Path | None) -> Path | None:
+    """The weights given, else those installed, else None."""
+    if weights is not None:
+        return weights
+    return DYBS_WEIGHTS if DYBS_WEIGHTS.is_file() else None

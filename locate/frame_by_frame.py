@@ -1,0 +1,170 @@
+"""Every frame of a recording, looked at by one detector; what it saw, as files and pictures."""
+
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from detect.detection import Detection, Detector, Frames
+from detect.evidence import LLR_MAX
+from geometry.errors import BadInputError
+from locate.atomic import replacing
+from locate.frame_files import FrameFiles
+from locate.journal import Report, silent
+from locate.pictures import displacement_picture, overlay, save_png
+from locate.run_folder import remove, replace_text
+from locate.video.recording import ANY_SIDE, open_recording
+from locate.video.writer import open_video
+
+SCHEMA = "locate.detections/1"
+INDEX, VIDEO, WORKSHOP = "index.json", "overlay.mp4", ".frames"
+FOLDERS = ("detections", "masks", "pictures")
+MASK_NATS = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """One frame in figures.
+
+    Attributes:
+        frame: Name of its files.
+        largest_px: The largest displacement in its mask; 0 without one.
+        mask_share: Share of its pixels in the mask.
+        judged_share: Share of its pixels that the detector says anything about.
+    """
+
+    frame: str
+    largest_px: float
+    mask_share: float
+    judged_share: float
+
+    @classmethod
+    def of(cls, frame: str, detection: Detection, threshold_nats: float) -> "Seen":
+        """The figures of a detection."""
+        mask = detection.llr > threshold_nats
+        size = np.linalg.norm(detection.displacement[mask], axis=-1)
+        return cls(
+            frame=frame,
+            largest_px=float(size.max(initial=0)),
+            mask_share=float(mask.mean()),
+            judged_share=float((detection.llr != 0).mean()),
+        )
+
+
+def look(
+    path: Path,
+    output: Path,
+    detector: Detector,
+    *,
+    poses: Path | None = None,
+    camera: Path | None = None,
+    every: int = 1,
+    threshold_nats: float = MASK_NATS,
+    report: Report = silent,
+) -> list[Seen]:
+    """Writes detections, masks, pictures and a video of every frame.
+
+    Args:
+        path: An image, a folder of photos or a video.
+        output: The folder to write; one that an earlier call wrote is written anew.
+        detector: Looks at the frames.
+        poses: Of the frames, for a detector that needs them; frames without one are left out.
+        camera: A JSON file with the camera of the poses.
+        every: Of so many frames, one is looked at.
+        threshold_nats: A pixel with more evidence is in the mask.
+        report: Told how far it is.
+
+    Raises:
+        BadInputError: Something given cannot be used, or OUTPUT holds something else.
+    """
+    recording = open_recording(path, max_side=ANY_SIDE)
+    with _claimed(output) as workshop:
+        files = FrameFiles.of(recording, workshop, every=every)
+        if poses is None:
+            frames = files.frames()
+        else:
+            files, frames = files.with_poses(poses, camera)
+        seen = _look(frames, files, detector, output, threshold_nats, report)
+    content = {
+        "schema": SCHEMA,
+        "detector": detector.name,
+        "threshold_nats": threshold_nats,
+        "frames": [asdict(one) for one in seen],
+        "notes": recording.warnings,
+    }
+    replace_text(output / INDEX, json.dumps(content, indent=1))
+    return seen
+
+
+def _look(
+    frames: Frames,
+    files: FrameFiles,
+    detector: Detector,
+    output: Path,
+    threshold_nats: float,
+    report: Report,
+) -> list[Seen]:
+    sizes = {image.shape for image in frames.images}
+    seen = []
+    with ExitStack() as stack:
+        video = None
+        if len(frames) > 1 and len(sizes) == 1:
+            height, width = sizes.pop()
+            unfinished = stack.enter_context(replacing(output / VIDEO))
+            video = stack.enter_context(open_video(unfinished, size=(width, height), fps=files.fps))
+        for index, label in enumerate(files.labels):
+            report("detections", index / len(frames))
+            detection = detector.detect(frames, index)
+            _save(detection, output, label, threshold_nats)
+            seen.append(Seen.of(label, detection, threshold_nats))
+            if video is not None:
+                video.write(overlay(frames.images[index], detection.llr, LLR_MAX))
+    report("detections", 1.0)
+    return seen
+
+
+def _save(detection: Detection, output: Path, label: str, threshold_nats: float) -> None:
+    with replacing(output / "detections" / f"{label}.npz") as unfinished:
+        detection.save(unfinished)
+    mask = np.where(detection.llr > threshold_nats, np.uint8(255), np.uint8(0))
+    save_png(output / "masks" / f"{label}.png", mask)
+    measured = np.isfinite(detection.sigma_px)[..., None]
+    shown = np.where(measured, detection.displacement, 0)
+    save_png(output / "pictures" / f"{label}.png", displacement_picture(shown))
+
+
+@contextmanager
+def _claimed(output: Path) -> Iterator[Path]:
+    """Empties OUTPUT of an earlier call's files; gives a folder that is gone afterwards."""
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        if any(output.iterdir()) and not _is_ours(output / INDEX):
+            raise BadInputError(
+                f"{output}: not empty and not written by locate detect; "
+                "choose another folder with -o"
+            )
+        for name in (*FOLDERS, VIDEO, WORKSHOP):
+            remove(output / name)
+        replace_text(output / INDEX, json.dumps({"schema": SCHEMA, "frames": []}))
+        for name in (*FOLDERS, WORKSHOP):
+            (output / name).mkdir()
+    except OSError as error:
+        raise BadInputError(
+            f"{output}: cannot be written ({error.strerror}); choose another folder with -o"
+        ) from error
+    try:
+        yield output / WORKSHOP
+    finally:
+        remove(output / WORKSHOP)
+
+
+def _is_ours(index: Path) -> bool:
+    try:
+        content: Any = json.loads(index.read_text())
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("schema") == SCHEMA

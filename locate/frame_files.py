@@ -1,0 +1,119 @@
+"""The frames of any recording as files, so that each can be read when it is wanted."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from detect.detection import Frames
+from geometry.named_poses import read_camera
+from geometry.pose_files import read_named_poses
+from locate.images import FrameImages
+from locate.observe import Recorded
+from locate.pictures import save_png
+from locate.video.recording import Recording
+
+PHOTOS_FPS = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameFiles:
+    """Frames that stand in files of one folder.
+
+    Attributes:
+        folder: That folder.
+        names: Their N file names.
+        indices: Of each in the recording.
+        times_s: Of each; of photos the index.
+        size: Width and height of the first, px.
+        fps: Frames per second; slow where they are photos, which have no times.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    indices: tuple[int, ...]
+    times_s: tuple[float, ...]
+    size: tuple[int, int]
+    fps: float
+
+    @classmethod
+    def of(cls, recording: Recording, workshop: Path, *, every: int = 1) -> Self:
+        """Every so many of the photos themselves, or of a video's frames, written to `workshop`.
+
+        Raises:
+            BadInputError: The frames of a video change in size.
+        """
+        size = (recording.width, recording.height)
+        if not recording.is_video:
+            photos = recording.photos[::every]
+            indices = tuple(range(0, len(recording.photos), every))
+            return cls(
+                folder=photos[0].parent,
+                names=tuple(photo.name for photo in photos),
+                indices=indices,
+                times_s=tuple(map(float, indices)),
+                size=size,
+                fps=PHOTOS_FPS,
+            )
+        kept = []
+        for frame in recording.frames():
+            if frame.index % every == 0:
+                save_png(workshop / f"{frame.index:06d}.png", frame.image)
+                kept.append((frame.index, frame.time_s))
+        indices, times_s = zip(*kept, strict=True)
+        step_s = (times_s[-1] - times_s[0]) / max(len(kept) - 1, 1)
+        return cls(
+            folder=workshop,
+            names=tuple(f"{index:06d}.png" for index in indices),
+            indices=indices,
+            times_s=times_s,
+            size=size,
+            fps=1 / step_s if step_s > 0 else PHOTOS_FPS,
+        )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What results are called: the stems of the names, the names where two stems are one."""
+        stems = tuple(Path(name).stem for name in self.names)
+        return stems if len(set(stems)) == len(stems) else self.names
+
+    def frames(self) -> Frames:
+        """The frames as they are."""
+        return Frames(images=FrameImages([self.folder / name for name in self.names]))
+
+    def with_poses(self, poses: Path, camera: Path | None) -> tuple[Self, Frames]:
+        """Those that have a pose, and these undistorted.
+
+        Args:
+            poses: TUM, COLMAP, transforms.json or trajectory.json.
+            camera: A JSON file with a camera; TUM needs one.
+
+        Raises:
+            BadInputError: A file cannot be read, or fewer than two frames have a pose.
+        """
+        known = None if camera is None else read_camera(camera, *self.size)
+        trajectory, rows = read_named_poses(poses, known).match_to_frames(
+            self.names, np.array(self.indices), np.array(self.times_s), size=self.size
+        )
+        left = self._take(rows.tolist())
+        recorded = Recorded(
+            folder=left.folder,
+            names=left.names,
+            indices=trajectory.indices,
+            camera=trajectory.camera,
+            trajectory=trajectory,
+        )
+        return left, recorded.frames()
+
+    def _take(self, rows: Iterable[int]) -> Self:
+        rows = list(rows)
+        return type(self)(
+            folder=self.folder,
+            names=tuple(self.names[row] for row in rows),
+            indices=tuple(self.indices[row] for row in rows),
+            times_s=tuple(self.times_s[row] for row in rows),
+            size=self.size,
+            fps=self.fps,
+        )

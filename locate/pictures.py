@@ -1,0 +1,77 @@
+"""Displacement and evidence as pictures: colours in OpenCV's order, blue, green, red."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.arrays import FloatMap, GreyImage
+from locate.atomic import replacing
+
+Picture = NDArray[np.uint8]
+
+FULL_ALPHA = 0.8
+TEXT_HEIGHT = 0.05
+"""Of the number in the corner, in heights of the picture."""
+LEAST_TEXT_PX = 9
+HERSHEY_PX = 22
+"""Height of a digit of OpenCV's plain font at scale 1."""
+
+
+def displacement_picture(displacement: FloatMap) -> Picture:
+    """Hue for the direction, saturation for the size, the largest norm in px in the corner.
+
+    White stands still. What shows background from its right is red, from below yellow-green, from
+    its left cyan, from above violet. Source: the DYBS paper, figures 6 to 9.
+
+    Args:
+        displacement: (H, W, 2) px, x right, y down; what is not finite stands still.
+
+    Returns:
+        (H, W, 3).
+    """
+    x, y = np.moveaxis(np.where(np.isfinite(displacement), displacement, 0), -1, 0)
+    size = np.hypot(x, y).astype(np.float32)
+    largest_px = float(size.max())
+    hue = np.degrees(np.arctan2(y, x)).astype(np.float32) % 360
+    hsv = np.stack([hue, size / max(largest_px, 1e-9), np.ones_like(hue)], axis=-1)
+    picture = np.rint(255 * cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)).astype(np.uint8)
+    return _labelled(picture, f"{largest_px:.2f} px")
+
+
+def overlay(image: GreyImage, llr: FloatMap, full_scale_nats: float) -> Picture:
+    """(H, W, 3) a grey frame with the positive evidence laid over it."""
+    layer = evidence_layer(llr, full_scale_nats).astype(np.float32)
+    alpha = layer[..., 3:] / 255
+    return np.rint(image[..., None] * (1 - alpha) + layer[..., :3] * alpha).astype(np.uint8)
+
+
+def evidence_layer(llr: FloatMap, full_scale_nats: float) -> Picture:
+    """(H, W, 4) the positive evidence: transparent at 0 nats, hot at `full_scale_nats`."""
+    strength = np.clip(llr / full_scale_nats, 0.0, 1.0).astype(np.float32)
+    layer = np.dstack([heat(strength), np.zeros_like(strength, dtype=np.uint8)])
+    layer[..., 3] = (255 * FULL_ALPHA * np.minimum(1.0, 1.6 * strength)).astype(np.uint8)
+    return layer
+
+
+def heat(strength: FloatMap) -> Picture:
+    """(H, W, 3) of (H, W) values in 0 to 1; the dark end of the map is left out."""
+    level = (80 + 170 * strength).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_INFERNO), dtype=np.uint8)
+
+
+def save_png(path: Path, picture: Picture) -> None:
+    """Writes a picture or a grey image, whole or not at all."""
+    _, content = cv2.imencode(".png", picture)
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(content.tobytes())
+
+
+def _labelled(picture: Picture, text: str) -> Picture:
+    height_px = max(LEAST_TEXT_PX, round(TEXT_HEIGHT * picture.shape[0]))
+    place, scale = (height_px // 2, round(1.5 * height_px)), height_px / HERSHEY_PX
+    stroke = max(1, round(scale))
+    for colour, width in (((255, 255, 255), 2 * stroke + 1), ((0, 0, 0), stroke)):
+        cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, width, 16)
+    return picture
