@@ -11,6 +11,9 @@ Each view has its own sensor noise; the camera stands still.
 `pairs`: the reference image of each real pair is learned from, the distorted one judged; truth is
 the two-frame flow of `bos`, which is no independent truth. A pixel is a plume where that is above
 three times its sigma and 0.2 px, still where it is below 0.1 px.
+
+`two frames` is Lucas-Kanade between what was learned from and what is judged: about the most that
+knowing the background can bring.
 """
 
 import argparse
@@ -25,6 +28,7 @@ import numpy as np
 
 from detect.bos import BosDetector
 from detect.detection import Frames
+from detect.differential import lucas_kanade
 from detect.dybs import DybsDetector
 from detect.dybs.adapt import adapt
 from detect.dybs.detector import SingleFrame
@@ -130,7 +134,17 @@ def row(weights: Path, judged: list[Judged]) -> str:
     )
 
 
+def two_frames(known: GreyImage, judged: list[Judged]) -> str:
+    found = [lucas_kanade(known, one.image) for one in judged]
+    true = [one.displacement for one in judged]
+    r = np.corrcoef(np.ravel(found), np.ravel(true))[0, 1]
+    errors = [np.linalg.norm(f - one.displacement, axis=-1)[one.plume]
+              for f, one in zip(found, judged, strict=True)]  # fmt: skip
+    return f"r {r:.3f}, error in plumes {np.concatenate(errors).mean():.3f} px"
+
+
 def compare(name: str, known: GreyImage, judged: list[Judged], start: Path, minutes: float) -> None:
+    print(f"{name} {known.shape}, two frames: {two_frames(known, judged)}")
     print(f"{name} {known.shape}, plain:   {row(start, judged)}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "adapted.onnx"

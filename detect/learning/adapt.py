@@ -19,6 +19,7 @@ from detect.synthesis.dataset import SCHEMA, write_index
 
 HAZE, PLUMES, HELD = "haze", "plumes", "held"
 NORM_SAMPLES = 32
+BACKGROUND_SHARE = 0.6
 SEED = 0
 
 Report = Callable[[str, float], None]
@@ -86,19 +87,20 @@ def fine_tune(
 
 def _stages(steps: int) -> tuple[Stage, Stage]:
     """Squared errors throughout: most pixels are still, and others lead to an answer of zero."""
+    first = round(BACKGROUND_SHARE * steps)
     return (
         Stage(
             name="background",
             pools={HAZE: 1},
-            steps=steps // 2,
+            steps=first,
             learning_rate=(3e-3, 1e-5),
-            losses=LossConfig(charbonnier=0, squared=0.02, mask=0),
+            losses=LossConfig(charbonnier=0, squared=0.1, mask=0),
         ),
         Stage(
             name="plumes",
             pools={HAZE: 1, PLUMES: 2},
-            steps=steps - steps // 2,
+            steps=steps - first,
             learning_rate=(1e-3, 1e-5),
-            losses=LossConfig(charbonnier=0, squared=0.1, mask=1, likelihood=0.1),
+            losses=LossConfig(charbonnier=0, squared=0.2, mask=1, likelihood=0.05),
         ),
     )

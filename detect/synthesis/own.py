@@ -20,8 +20,10 @@ GRID_PX = 32
 """What a network's coarsest cell, 16 px of a halved image, spans in the image itself."""
 PEAK_PX = (0.16, 2.0)
 NOISE = (0.4, 3.0)
-HAZE_PX, HAZE_CELL_PX = (0.3, 2.0), (24.0, 64.0)
-"""Root mean square of the displacement, and how far it reaches, px of the images."""
+HAZE_PX, HAZE_CELL_PX = (0.2, 0.8), (24.0, 64.0)
+"""Root mean square of the displacement, and how far it reaches, px of the images.
+
+Stronger haze outweighs the rest of the loss and teaches less."""
 HAZE_BLUR_PX = 0.1
 
 Progress = Callable[[float], None]
@@ -73,7 +75,7 @@ def hazy_samples(
     scale: float,
     progress: Progress = lambda _: None,
 ) -> Shard:
-    """The same through haze that displaces every pixel, by up to a pixel or two.
+    """The same through haze that displaces every pixel, by a fraction of a pixel to two.
 
     A plume displaces few pixels and these little, and a network that is shown nothing else stays
     at zero; haze soon teaches it the background. For the arguments see `own_samples`.

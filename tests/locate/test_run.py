@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def test_run_leaves_every_file(finished: Path) -> None:
     names = {path.name for path in finished.iterdir() if not path.name.startswith(".")}
     assert names == {
         "config.yaml", "detections", "evidence.npz", "frames", "log.jsonl", "map.json",
-        "plumes.ply", "report.html", "sfm", "trajectory.json",
+        "placement.json", "plumes.ply", "points.npz", "report.html", "sfm", "trajectory.json",
     }  # fmt: skip
     assert PlumeMap.load(finished / "map.json").units == "scene"
     assert len(Trajectory.load(finished / "trajectory.json")) == int(FRAMES)
@@ -162,6 +163,15 @@ def test_usage_error_is_no_traceback() -> None:
     assert "guess" in result.stderr
 
 
+@pytest.fixture
+def heeding_ctrl_c() -> Iterator[None]:
+    """A job in the background ignores Ctrl-C, and so would its children."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeding_ctrl_c")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_says_how_to_go_on(tmp_path: Path, how: signal.Signals) -> None:
     process = subprocess.Popen(
