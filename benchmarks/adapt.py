@@ -39,6 +39,7 @@ from detect.synthesis.flows import runs_in
 from detect.synthesis.raster import REACH_PX, as_background, canvas_side, photos_in
 from detect.synthesis.sample import seen_through_plume
 from geometry.arrays import BoolArray, FloatMap, GreyImage
+from locate.frame_by_frame import MASK_NATS
 from locate.images import read_grey
 
 VIEWS, LARGEST_VIEW_PX = 24, 320
@@ -110,7 +111,7 @@ def row(weights: Path, judged: list[Judged]) -> str:
     eye, thin = SingleFrame(weights), (slice(None, None, THINNED),) * 2
     calibrated = eye.network.json("calibration") is not None
     detector = DybsDetector(weights) if calibrated else None
-    scores, labels, found, true, said, errors, sizes = [], [], [], [], [], [], []
+    scores, labels, found, true, said, pixels, errors, sizes = [], [], [], [], [], [], [], []
     for one in judged:
         look = eye.look(one.image)
         counts = (one.plume | one.still)[thin]
@@ -123,10 +124,12 @@ def row(weights: Path, judged: list[Judged]) -> str:
         sizes.append(np.linalg.norm(one.displacement, axis=-1)[one.plume])
         if detector is not None:
             llr = detector.judge(look).llr
-            said.append([(llr[one.plume] > 2).mean(), (llr[one.still] > 2).mean()])
+            masks = llr > MASK_NATS
+            said.append([masks[one.plume].sum(), masks[one.still].sum()])
+            pixels.append([one.plume.sum(), one.still.sum()])
     score, label = np.concatenate(scores), np.concatenate(labels)
     r = np.corrcoef(np.concatenate(found), np.concatenate(true))[0, 1]
-    hit, false = np.nanmean(said, axis=0) if said else (np.nan, np.nan)
+    hit, false = np.sum(said, axis=0) / np.sum(pixels, axis=0) if said else (np.nan, np.nan)
     return (
         f"{auroc(score, label):.3f} / {average_precision(score, label):.3f} ({label.mean():.3f})   "
         f"{r:.3f}   {np.concatenate(errors).mean():.3f} / {np.concatenate(sizes).mean():.3f}   "
