@@ -2,8 +2,8 @@
 
     python examples/single_frame.py          # writes work/single_frame.png
 
-From left to right: the frame; the displacement that the detector sees in it; the true one; the mask.
-Hue is direction, saturation is size, and the number is the largest displacement.
+From left to right: the frame, the displacement that the detector sees in it, the true one, and the
+mask. Hue is direction, saturation is size, and the number is the largest displacement.
 """
 
 import argparse
