@@ -3,8 +3,8 @@
     python benchmarks/adapt.py photos PHOTOS NETWORK.onnx [--runs RUNS] [--count 6] [--minutes 2]
     python benchmarks/adapt.py pairs PAIRS NETWORK.onnx [--minutes 2]
 
-`photos`: of each held-out photo (the test split), the view of a camera at half the photo's size is
-made without a plume, which the network learns from, and 24 views through plumes it has not seen
+`photos`: of each held-out photo (the test split), views of a camera at half the photo's size are
+made: 10 without a plume, which the network learns from, and 24 through plumes it has not seen
 (simulated runs of the test split with --runs), which it is judged on; no image is interpolated.
 Each view has its own sensor noise; the camera stands still.
 
@@ -12,8 +12,8 @@ Each view has its own sensor noise; the camera stands still.
 the two-frame flow of `bos`, which is no independent truth. A pixel is a plume where that is above
 three times its sigma and 0.2 px, still where it is below 0.1 px.
 
-`two frames` is Lucas-Kanade between what was learned from and what is judged: about the most that
-knowing the background can bring.
+`two frames` is Lucas-Kanade between the mean of what was learned from and what is judged: about
+the most that knowing the background can bring.
 """
 
 import argparse
@@ -42,7 +42,7 @@ from geometry.arrays import BoolArray, FloatMap, GreyImage
 from locate.frame_by_frame import MASK_NATS
 from locate.images import read_grey
 
-VIEWS, LARGEST_VIEW_PX = 24, 320
+KNOWN, VIEWS, LARGEST_VIEW_PX = 10, 24, 320
 PAIRS = {
     "blowtorch_plume": ("sop_enc_test_000.tif", "sop_enc_test_001.tif"),
     "supersonic_jet": ("A000.tif", "A001.tif"),
@@ -80,12 +80,12 @@ def views(photo: GreyImage, seed: int, runs: tuple[Path, ...]) -> Iterator[Sampl
     part = photo[y : y + crop, x : x + crop].astype(np.float32) / 255
     enlarged = cv2.resize(part, (side, side), interpolation=cv2.INTER_CUBIC)
     background = as_background(np.clip(enlarged, 0, 1))
-    for k in range(VIEWS + 1):
+    for k in range(KNOWN + VIEWS):
         recipe = Recipe(
             size_px=size_px,
             families={"photo": 1},
             photos=Path(),
-            negatives=1.0 if k == 0 else 0.2,
+            negatives=1.0 if k < KNOWN else 0.2,
             plume_length=(0.5, 2.0),
             gamma=(1, 1),
             psf_sigma_px=(0.45, 0.45),
@@ -146,17 +146,21 @@ def two_frames(known: GreyImage, judged: list[Judged]) -> str:
     return f"r {r:.3f}, error in plumes {np.concatenate(errors).mean():.3f} px"
 
 
-def compare(name: str, known: GreyImage, judged: list[Judged], start: Path, minutes: float) -> None:
-    print(f"{name} {known.shape}, two frames: {two_frames(known, judged)}")
-    print(f"{name} {known.shape}, plain:   {row(start, judged)}", flush=True)
+def compare(
+    name: str, known: list[GreyImage], judged: list[Judged], start: Path, minutes: float
+) -> None:
+    size = f"{known[0].shape[1]}x{known[0].shape[0]}"
+    mean = np.rint(np.mean(known, axis=0)).astype(np.uint8)
+    print(f"{name} {size}, two frames: {two_frames(mean, judged)}")
+    print(f"{name} {size}, plain:   {row(start, judged)}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "adapted.onnx"
         began = time.process_time()
-        adapt(start, [known], path, minutes=minutes, report=lambda *_: None)
+        adapt(start, known, path, minutes=minutes, report=lambda *_: None)
         spent = time.process_time() - began
         heard = ", ".join((SingleFrame(path).network.json("calibration") or {})["classes"])
         print(
-            f"{name} {known.shape}, adapted: {row(path, judged)}   {spent:.0f} CPU s, "
+            f"{name} {size}, adapted: {row(path, judged)}   {spent:.0f} CPU s, "
             f"heard: {heard or 'nothing'}",
             flush=True,
         )
@@ -177,15 +181,16 @@ def main() -> None:
         for name, files in PAIRS.items():
             reference, image = (read_grey(arguments.folder / name / file) for file in files)
             judged = [of_pair(reference, image)]
-            compare(name, reference, judged, arguments.network, arguments.minutes)
+            compare(name, [reference], judged, arguments.network, arguments.minutes)
         return
     photos = photos_in(arguments.folder, "test")
     chosen = np.linspace(0, len(photos) - 1, arguments.count).astype(int)
     runs = runs_in(arguments.runs, "test") if arguments.runs else ()
     for k in chosen:
-        first, *others = views(read_grey(photos[k]), int(k), runs)
-        judged = [of_sample(sample) for sample in others]
-        compare(photos[k].stem, first.image, judged, arguments.network, arguments.minutes)
+        seen = list(views(read_grey(photos[k]), int(k), runs))
+        known = [sample.image for sample in seen[:KNOWN]]
+        judged = [of_sample(sample) for sample in seen[KNOWN:]]
+        compare(photos[k].stem, known, judged, arguments.network, arguments.minutes)
 
 
 if __name__ == "__main__":

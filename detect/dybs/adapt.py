@@ -1,13 +1,15 @@
 """The single-frame detector, taught the user's own background in a minute or two."""
 
+import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from detect.calibration import Calibration
 from detect.dybs.calibrate import PLUME_PX, calibrate, labels_of
-from detect.dybs.detector import SingleFrame
+from detect.dybs.detector import SCORES, SingleFrame
 from detect.scores import auroc
 from detect.synthesis import Sample, Shard
 from detect.synthesis.own import HALF, hazy_samples, own_samples
@@ -18,6 +20,9 @@ HELD_OUT = 5
 CROPS_PER_MINUTE, STEPS_PER_MINUTE = 300, 500
 JUDGED = 32
 THINNED = 5
+SILENT = Calibration(scores=SCORES, scales={})
+"""Of a network that learned from one image: its noise is a part of what it knows, and samples of
+that same image would call evidence what is other noise."""
 
 Report = Callable[[str, float], None]
 
@@ -49,7 +54,7 @@ class Adapted:
             judged through other plumes.
         before: The network it began with, on the same samples.
         after: The adapted one.
-        heard: The texture classes that it has evidence in.
+        heard: The texture classes that it has evidence in; none from a single image.
     """
 
     learned: int
@@ -114,13 +119,15 @@ def adapt(
             watched,
             unfinished,
             steps=steps,
-            scale=HALF,
             data=data,
+            says={"scale": str(HALF), "calibration": json.dumps(SILENT.to_plain())},
             report=report,
         )
         report("calibration", 0)
-        reference = own_samples(held, JUDGED, seed=seed + 3, scale=1)
-        calibration = calibrate(unfinished, each(reference))
+        calibration = SILENT
+        if held is not learned:
+            reference = own_samples(held, JUDGED, seed=seed + 3, scale=1)
+            calibration = calibrate(unfinished, each(reference))
         judged = own_samples(held, JUDGED, seed=seed + 4, scale=1)
         answer = Adapted(
             learned=len(learned),

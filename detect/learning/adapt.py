@@ -1,7 +1,7 @@
 """A trained network taught one background more: a short training that begins with its weights."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import onnx
@@ -33,11 +33,11 @@ def fine_tune(
     path: Path,
     *,
     steps: int,
-    scale: float,
     data: str,
+    says: Mapping[str, str],
     report: Report,
 ) -> None:
-    """Trains a network on and writes it, with no calibration.
+    """Trains a network on and writes it.
 
     Args:
         start: The .onnx file to begin with, fp32.
@@ -46,8 +46,8 @@ def fine_tune(
         held: Samples to watch it by.
         path: The .onnx file to write.
         steps: How many.
-        scale: Of the samples to the images that the network will be shown, for the metadata.
         data: A line for the metadata: what it learned from.
+        says: More metadata.
         report: Told of progress, (what, share done).
 
     Raises:
@@ -81,7 +81,7 @@ def fine_tune(
     save(network.eval(), path, config.name, kind.channels, trained_on)
     model = onnx.load(path)
     props = {entry.key: entry.value for entry in model.metadata_props}
-    onnx.helper.set_model_props(model, props | {"scale": str(scale)})
+    onnx.helper.set_model_props(model, props | dict(says))
     onnx.save(model, path)
 
 

@@ -54,6 +54,10 @@ def adapt(
             f"{score.error_px:.3f} px where zero is {score.zero_error_px:.3f} px wrong",
             soft_wrap=True,
         )
-    heard = ", ".join(answer.heard) or "none: the background teaches too little"
-    out.print(f"It has evidence in texture that is: {heard}", soft_wrap=True)
+    if answer.heard:
+        out.print(f"It has evidence in texture that is: {', '.join(answer.heard)}")
+    elif answer.held_out:
+        out.print("It has no evidence: what this background shows is too little.")
+    else:
+        out.print("It has no evidence: that takes two images or more of the background.")
     out.print(f"Use it: locate detect ... --weights {output}", soft_wrap=True)

@@ -183,6 +183,16 @@ def test_adapted_network_is_a_detector_for_images_of_full_size(
     assert again.width == 8
 
 
+def test_one_image_makes_no_evidence(
+    start: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(teaching, "JUDGED", 4)
+    answer = adapt(start, [wall()], tmp_path / "a.onnx", minutes=0.02, report=silent)
+    assert (answer.held_out, answer.heard) == (0, ())
+    found = DybsDetector(tmp_path / "a.onnx").detect(Frames(images=[wall()]), 0)
+    assert not found.llr.any()
+
+
 def test_score_knows_a_perfect_answer_from_none(start: Path) -> None:
     before = score(start, each(own_samples([wall()], 6, seed=0, scale=1)))
     assert abs(before.correlation) < 0.3
