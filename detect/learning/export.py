@@ -196,7 +196,18 @@ def _to_onnx(network: nn.Module, stride: int, image: Tensor, outputs: list[str])
         )
     if program is None:
         raise RuntimeError("torch.onnx.export gave no program")
-    return program.model_proto
+    return _without_traces(program.model_proto)
+
+
+def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
+    """The model without the stack traces, and so the paths, of whoever exported it."""
+    graph = model.graph
+    for part in (graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
+        del part.metadata_props[:]
+        part.doc_string = ""
+    for tensor in graph.initializer:
+        del tensor.metadata_props[:]
+    return model
 
 
 def _write(model: onnx.ModelProto, path: Path) -> Path:
