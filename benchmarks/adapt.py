@@ -184,7 +184,7 @@ def main() -> None:
             compare(name, [reference], judged, arguments.network, arguments.minutes)
         return
     photos = photos_in(arguments.folder, "test")
-    chosen = np.linspace(0, len(photos) - 1, arguments.count).astype(int)
+    chosen = np.linspace(len(photos) - 1, 0, arguments.count).astype(int)
     runs = runs_in(arguments.runs, "test") if arguments.runs else ()
     for k in chosen:
         seen = list(views(read_grey(photos[k]), int(k), runs))

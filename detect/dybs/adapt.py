@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,9 @@ from geometry.arrays import GreyImage
 HELD_OUT = 5
 """Of so many images, one is not learned from."""
 CROPS_PER_MINUTE, STEPS_PER_MINUTE = 300, 500
-JUDGED = 32
+JUDGED = 16
+WHOLE_PX = 512
+"""Larger than what is learned from: what it learned of the edges of samples must not count."""
 THINNED = 5
 SILENT = Calibration(scores=SCORES, scales={})
 """Of a network that learned from one image: its noise is a part of what it knows, and samples of
@@ -126,9 +129,10 @@ def adapt(
         report("calibration", 0)
         calibration = SILENT
         if held is not learned:
-            reference = own_samples(held, JUDGED, seed=seed + 3, scale=1)
-            calibration = calibrate(unfinished, each(reference))
-        judged = own_samples(held, JUDGED, seed=seed + 4, scale=1)
+            reference = own_samples(held, JUDGED, seed=seed + 3, scale=1, largest_px=WHOLE_PX)
+            repeats = -(-JUDGED // len(held))
+            calibration = calibrate(unfinished, chain(each(reference), as_they_are(held, repeats)))
+        judged = own_samples(held, JUDGED, seed=seed + 4, scale=1, largest_px=WHOLE_PX)
         answer = Adapted(
             learned=len(learned),
             held_out=0 if held is learned else len(held),
@@ -155,6 +159,15 @@ def divided(images: Sequence[GreyImage]) -> tuple[Sequence[GreyImage], Sequence[
 def each(shard: Shard) -> Iterable[Sample]:
     """The samples of a shard."""
     return (shard.sample(i) for i in range(len(shard)))
+
+
+def as_they_are(images: Sequence[GreyImage], repeats: int) -> Iterable[Sample]:
+    """The images themselves as samples of still air: no synthesis stands for a real frame."""
+    for image in images:
+        still = np.zeros((*image.shape, 2), np.float32)
+        mask = np.zeros(image.shape, dtype=bool)
+        for _ in range(repeats):
+            yield Sample(image=image, displacement=still, mask=mask, family="photo")
 
 
 def score(weights: Path, samples: Iterable[Sample]) -> Score:

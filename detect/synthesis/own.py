@@ -35,6 +35,7 @@ def own_samples(
     *,
     seed: int,
     scale: float,
+    largest_px: int = LARGEST_PX,
     runs: tuple[Path, ...] = (),
     progress: Progress = lambda _: None,
 ) -> Shard:
@@ -52,13 +53,14 @@ def own_samples(
         count: How many samples.
         seed: Of every random choice.
         scale: Of the samples to the images, `HALF` or 1.
+        largest_px: Side of a sample at most, px of the images.
         runs: Simulated runs to draw flows from; without, all are random turbulence.
         progress: Told the share done.
 
     Raises:
         BadInputError: An image is too small.
     """
-    recipe, sources = _recipe(images, scale), Sources(runs=runs)
+    recipe, sources = _recipe(images, scale, largest_px), Sources(runs=runs)
 
     def one(rng: np.random.Generator) -> Sample:
         background = _part(images, recipe.size_px, scale, rng)
@@ -73,6 +75,7 @@ def hazy_samples(
     *,
     seed: int,
     scale: float,
+    largest_px: int = LARGEST_PX,
     progress: Progress = lambda _: None,
 ) -> Shard:
     """The same through haze that displaces every pixel, by a fraction of a pixel to two.
@@ -80,7 +83,7 @@ def hazy_samples(
     A plume displaces few pixels and these little, and a network that is shown nothing else stays
     at zero; haze soon teaches it the background. For the arguments see `own_samples`.
     """
-    recipe = _recipe(images, scale)
+    recipe = _recipe(images, scale, largest_px)
     inside = slice(MARGIN_PX, -MARGIN_PX)
 
     def one(rng: np.random.Generator) -> Sample:
@@ -96,9 +99,9 @@ def hazy_samples(
     return Shard.of([one(rng) for rng in _each(count, seed, progress)])
 
 
-def _recipe(images: Sequence[GreyImage], scale: float) -> Recipe:
+def _recipe(images: Sequence[GreyImage], scale: float, largest_px: int) -> Recipe:
     return Recipe(
-        size_px=round(sample_side(images) * scale),
+        size_px=round(sample_side(images, largest_px) * scale),
         families={"photo": 1},
         photos=Path(),
         peak_px=(PEAK_PX[0] * scale, PEAK_PX[1] * scale),
@@ -126,30 +129,35 @@ def _haze(side: int, scale: float, rng: np.random.Generator) -> FloatMap:
     return np.asarray(smooth * np.float32(strength_px / np.sqrt((smooth**2).mean())))
 
 
-def sample_side(images: Sequence[GreyImage]) -> int:
-    """The largest side of samples, px of the images, that the smallest image has room for.
+def sample_side(images: Sequence[GreyImage], largest_px: int) -> int:
+    """The side of samples, px of the images: the smallest image whole where it is small enough.
 
     Raises:
-        BadInputError: It has room for none.
+        BadInputError: An image is smaller than any sample.
     """
     shortest = min(int(min(image.shape)) for image in images)
-    taken_px = GRID_PX + round(REACH_PX / HALF)
-    if shortest < SMALLEST_PX + taken_px:
+    if shortest < SMALLEST_PX:
         raise BadInputError(
-            f"an image is {shortest} px on its shorter side; give {SMALLEST_PX + taken_px} or more"
+            f"an image is {shortest} px on its shorter side; give {SMALLEST_PX} or more"
         )
-    return min((shortest - taken_px) // GRID_PX * GRID_PX, LARGEST_PX)
+    return min(-(-shortest // GRID_PX) * GRID_PX, largest_px)
 
 
 def _part(
     images: Sequence[GreyImage], size_px: int, scale: float, rng: np.random.Generator
 ) -> Background:
-    """A random part of a random image, on the grid that the whole image has in a network."""
+    """A random part of a random image, on the grid that the whole image has in a network.
+
+    Beyond its edges the image is mirrored, as a network sees it.
+    """
     image = images[int(rng.integers(len(images)))]
     side, reach = canvas_side(size_px), round(REACH_PX / scale)
     crop = round(side / OVERSAMPLING / scale)
-    steps = ((n - crop + reach) // GRID_PX for n in image.shape)
-    y, x = (GRID_PX * int(rng.integers(1, most + 1)) - reach for most in steps)
+    image = cv2.copyMakeBorder(
+        image, *(reach, reach + GRID_PX) * 2, borderType=cv2.BORDER_REFLECT_101
+    )
+    steps = ((n - crop) // GRID_PX for n in image.shape)
+    y, x = (GRID_PX * int(rng.integers(most + 1)) for most in steps)
     part = image[y : y + crop, x : x + crop].astype(np.float32) / 255
     enlarged = cv2.resize(part, (side, side), interpolation=cv2.INTER_CUBIC)
     return as_background(np.clip(enlarged, 0, 1))

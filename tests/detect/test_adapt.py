@@ -101,7 +101,8 @@ def test_other_files_are_refused(
 
 def test_still_samples_lie_on_the_pixels_of_the_halved_image() -> None:
     image = wall()
-    halved = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(float)
+    wide = cv2.copyMakeBorder(image, 0, 32, 0, 32, cv2.BORDER_REFLECT_101)
+    halved = cv2.resize(wide, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(float)
     shard = own_samples([image], 24, seed=1, scale=HALF)
     still = [s.image for s in each(shard) if not s.displacement.any()]
     assert len(still) >= 3
@@ -147,8 +148,8 @@ def test_samples_are_the_same_for_the_same_seed() -> None:
 
 
 def test_small_images_are_named() -> None:
-    with pytest.raises(BadInputError, match=r"100 px on its shorter side; give 176 or more"):
-        sample_side([wall(), wall(shape=(100, 300))])
+    with pytest.raises(BadInputError, match=r"100 px on its shorter side; give 128 or more"):
+        sample_side([wall(), wall(shape=(100, 300))], 256)
 
 
 @pytest.mark.parametrize(("count", "held"), [(1, 1), (2, 1), (5, 1), (10, 2), (40, 8)])
