@@ -11,8 +11,8 @@ import numpy as np
 
 from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
-from locate.atomic import replacing
 from locate.frame_files import FrameFiles
 from locate.journal import Report, silent
 from locate.pictures import displacement_picture, overlay, save_png

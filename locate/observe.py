@@ -9,10 +9,10 @@ import numpy as np
 
 from detect.detection import Detection, Detector, Frames
 from geometry.arrays import FloatArray, IntArray
+from geometry.atomic import replacing
 from geometry.camera import Camera
 from geometry.npz import read_npz
 from geometry.trajectory import Trajectory
-from locate.atomic import replacing
 from locate.images import FrameImages
 from locate.journal import Report
 from locate.video.motion import median_motion

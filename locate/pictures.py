@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.arrays import FloatMap, GreyImage
-from locate.atomic import replacing
+from geometry.atomic import replacing
 
 Picture = NDArray[np.uint8]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 
 from geometry.arrays import GreyImage
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
-from locate.atomic import replacing
 
 PAPERS_MM = {
     "A4": (210.0, 297.0),

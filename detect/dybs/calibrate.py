@@ -20,7 +20,7 @@ from detect.dybs.detector import CLASS_NAMES, SCORES, SingleFrame
 from detect.synthesis import Sample, shards_in
 from detect.texture import Texture
 from geometry.arrays import BoolArray
-from geometry.errors import BadInputError, LocateError
+from geometry.errors import LocateError
 
 PLUME_PX, STILL_PX = 0.06, 0.02
 """Displacements above are positive, below negative; those between count as neither."""
@@ -62,19 +62,10 @@ def calibrate(weights: Path, samples: Iterable[Sample]) -> Calibration:
     Raises:
         BadInputError: The file is not a single-frame network.
     """
-    import onnx
+    from detect.learning.export import annotate
 
     calibration = fitted(weights, samples)
-    model = onnx.load(weights)
-    props = {entry.key: entry.value for entry in model.metadata_props}
-    props["calibration"] = json.dumps(calibration.to_plain())
-    onnx.helper.set_model_props(model, props)
-    unfinished = weights.with_suffix(".unfinished")
-    try:
-        onnx.save(model, unfinished)
-        unfinished.replace(weights)
-    except OSError as error:
-        raise BadInputError(f"{weights}: cannot be written ({error})") from error
+    annotate(weights, {"calibration": json.dumps(calibration.to_plain())})
     return calibration
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
 
 SCHEMA = "locate.training/1"
@@ -20,10 +21,9 @@ def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
     Raises:
         BadInputError: The file cannot be written.
     """
-    unfinished = path.with_suffix(".partial")
     try:
-        torch.save({"schema": SCHEMA, **content}, unfinished)
-        unfinished.replace(path)
+        with replacing(path) as unfinished:
+            torch.save({"schema": SCHEMA, **content}, unfinished)
     except (OSError, RuntimeError) as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error
 
@@ -82,6 +82,5 @@ def rewind_journal(folder: Path, step: int) -> None:
 
 def write_whole(path: Path, text: str) -> None:
     """Writes a text under a temporary name, then renames it."""
-    unfinished = path.with_suffix(".partial")
-    unfinished.write_text(text)
-    unfinished.replace(path)
+    with replacing(path) as unfinished:
+        unfinished.write_text(text)

@@ -3,13 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import yaml
-
 from detect.learning.config import TrainConfig
 from detect.synthesis import Recipe, render_dataset, write_run
 from detect.synthesis.archive import open_arrays
 from detect.synthesis.dataset import SHARD_SAMPLES
-from geometry.errors import BadInputError
 
 Report = Callable[[str, float], None]
 
@@ -30,7 +27,7 @@ def render_missing(config: TrainConfig, data: Path, *, report: Report, processes
         count = pool.samples or 0
         if pool.recipe is None or _there(pool.folder) >= count:
             continue
-        recipe = read_recipe(pool.recipe, data)
+        recipe = Recipe.load(pool.recipe, data)
         if recipe.flows is not None:
             for number in range(config.runs):
                 write_run(recipe.flows, number)
@@ -39,23 +36,6 @@ def render_missing(config: TrainConfig, data: Path, *, report: Report, processes
         for end in range(at_once, count + at_once, at_once):
             render_dataset(recipe, min(end, count), pool.folder, processes=processes)
             report(f"samples: {name}", min(end, count) / count)
-
-
-def read_recipe(path: Path, data: Path) -> Recipe:
-    """A recipe whose folders are in `data`, wherever the file stands.
-
-    Raises:
-        BadInputError: It cannot be read, or is not a recipe.
-    """
-    try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, yaml.YAMLError) as error:
-        line = str(error).splitlines()[0]
-        raise BadInputError(f"{path}: not a readable recipe ({line})") from error
-    for key in ("photos", "flows"):
-        if isinstance(content, dict) and isinstance(content.get(key), str):
-            content[key] = str(data / content[key])
-    return Recipe.from_plain(content, str(path))
 
 
 def _there(folder: Path) -> int:

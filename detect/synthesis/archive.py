@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.npz import BROKEN
 
@@ -17,11 +18,9 @@ def save_arrays(path: Path, **arrays: np.ndarray) -> None:
     Raises:
         BadInputError: The file cannot be written.
     """
-    unfinished = path.with_suffix(".partial")
     try:
-        with unfinished.open("wb") as file:
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
-        unfinished.replace(path)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error
 

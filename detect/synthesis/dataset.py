@@ -17,6 +17,7 @@ from detect.synthesis.archive import open_arrays, save_arrays
 from detect.synthesis.recipe import FAMILIES, SAMPLE_FAMILIES, Recipe
 from detect.synthesis.sample import Sample, Sources, sample_at
 from geometry.arrays import BoolArray
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
 
 SCHEMA = "locate.samples/1"
@@ -176,9 +177,8 @@ def write_index(folder: Path, index: dict[str, Any]) -> None:
     path = folder / INDEX_NAME
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        unfinished = path.with_suffix(".partial")
-        unfinished.write_text(json.dumps(index, indent=1))
-        unfinished.replace(path)
+        with replacing(path) as unfinished:
+            unfinished.write_text(json.dumps(index, indent=1))
     except OSError as error:
         raise BadInputError(f"{folder}: cannot be written ({error})") from error
 

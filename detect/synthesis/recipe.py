@@ -114,8 +114,12 @@ class Recipe(BaseModel):
             raise BadInputError(f"{where}: {message}") from error
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Reads a YAML file; folders in it are taken from where the file stands.
+    def load(cls, path: Path, data: Path | None = None) -> Self:
+        """Reads a YAML file.
+
+        Args:
+            path: The file.
+            data: Where its folders are; where the file stands if left out.
 
         Raises:
             BadInputError: It cannot be read, or is not a recipe.
@@ -128,7 +132,7 @@ class Recipe(BaseModel):
         if isinstance(content, dict):
             for name in ("photos", "flows"):
                 if isinstance(content.get(name), str):
-                    content[name] = str(path.parent / content[name])
+                    content[name] = str((data or path.parent) / content[name])
         return cls.from_plain(content, str(path))
 
     def to_plain(self) -> dict[str, Any]:

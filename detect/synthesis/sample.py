@@ -148,13 +148,13 @@ def _draw_warps(
     rng: np.random.Generator, recipe: Recipe, sources: Sources, exposures: int
 ) -> list[FloatMap]:
     """The displacement at each moment of the exposure, while the plume drifts on."""
-    peak_px = _log_uniform(rng, recipe.peak_px)
+    peak_px = log_uniform(rng, recipe.peak_px)
     potential = _draw_potential(rng, recipe, sources)
     placement = Placement.random(
         rng,
         potential,
         size_px=recipe.size_px,
-        relative_length=_log_uniform(rng, recipe.plume_length),
+        relative_length=log_uniform(rng, recipe.plume_length),
         visible=recipe.visible_px / peak_px,
     )
     direction = rng.uniform(0, 2 * np.pi)
@@ -179,11 +179,12 @@ def _draw_optics(rng: np.random.Generator, recipe: Recipe) -> Optics:
     quality = int(rng.integers(recipe.jpeg_quality[0], recipe.jpeg_quality[1] + 1))
     return Optics(
         psf_sigma_px=float(rng.uniform(*recipe.psf_sigma_px)),
-        noise=_log_uniform(rng, recipe.noise),
+        noise=log_uniform(rng, recipe.noise),
         gamma=float(rng.uniform(*recipe.gamma)),
         jpeg_quality=quality if rng.random() < recipe.jpeg_share else None,
     )
 
 
-def _log_uniform(rng: np.random.Generator, ends: Range) -> float:
+def log_uniform(rng: np.random.Generator, ends: Range) -> float:
+    """A number whose logarithm is evenly spread between those of the ends."""
     return float(np.exp(rng.uniform(*np.log(ends))))

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from locate.video import Recording
 
 SplitName = Literal["train", "validation", "test"]
-ANY_SIDE = 1 << 16
 
 
 def bos(
@@ -39,7 +38,7 @@ def bos(
 ) -> None:
     """Turn recordings of plumes before a known background into (frame, flow) training data."""
     from detect.recordings import PairSettings, record_pairs
-    from locate.video import open_recording
+    from locate.video.recording import ANY_SIDE, open_recording
 
     settings = PairSettings(flow=flow, size_px=size, every=every, split=split)
     known = parse_reference(reference)

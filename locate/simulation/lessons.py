@@ -12,6 +12,7 @@ from detect.detection import Frames
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.features import features
 from detect.synthesis.archive import open_arrays, save_arrays
+from detect.synthesis.sample import log_uniform
 from geometry.arrays import BoolArray
 from geometry.trajectory import Trajectory
 from locate.simulation.layouts import random_scene
@@ -83,8 +84,8 @@ def lesson_scene(seed: int) -> Scene:
     scene = random_scene(
         seed,
         plume=bool(rng.random() > PLUME_FREE),
-        amplitude_px=_log_uniform(rng, AMPLITUDE_PX),
-        noise=_log_uniform(rng, NOISE),
+        amplitude_px=log_uniform(rng, AMPLITUDE_PX),
+        noise=log_uniform(rng, NOISE),
         frames=FRAMES,
         arc_deg=float(rng.uniform(14, 40)),
     )
@@ -135,14 +136,10 @@ def _path(rng: np.random.Generator, orbit: PathBlock) -> PathBlock:
 
 def _disturbed(trajectory: Trajectory, rng: np.random.Generator) -> Trajectory:
     """Independent errors of every pose, as structure from motion makes them."""
-    error_deg = _log_uniform(rng, POSE_ERROR_DEG)
+    error_deg = log_uniform(rng, POSE_ERROR_DEG)
     turns = Rotation.from_rotvec(rng.normal(0, np.radians(error_deg), (len(trajectory), 3)))
     rotations = turns.as_matrix() @ trajectory.rotations
     shifts_m = rng.normal(0, error_deg * SHIFT_M_PER_DEG, (len(trajectory), 3))
     centers = trajectory.centers_in_world + shifts_m
     translations = -np.einsum("nij,nj->ni", rotations, centers)
     return replace(trajectory, rotations=rotations, translations=translations)
-
-
-def _log_uniform(rng: np.random.Generator, ends: tuple[float, float]) -> float:
-    return float(np.exp(rng.uniform(*np.log(ends))))

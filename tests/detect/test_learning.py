@@ -25,7 +25,7 @@ from detect.learning.export import annotate, publish
 from detect.learning.networks import PaperUNet, PlumeNet, Prediction, build
 from detect.learning.plot import plot_training
 from detect.learning.pools import Batches, Pool
-from detect.learning.render import read_recipe, render_missing
+from detect.learning.render import render_missing
 from detect.learning.trainer import LAST, train
 from detect.learning.validation import validate
 from detect.synthesis import Recipe, render_dataset
@@ -401,10 +401,10 @@ def test_missing_samples_are_rendered_once(tmp_path: Path) -> None:
     render_missing(more, tmp_path, report=quiet)
     assert len(Pool.load(more.pools["some"])) == 5
     (tmp_path / "recipe.yaml").write_text("families: {photo: 1}\nphotos: mine\n")
-    assert read_recipe(tmp_path / "recipe.yaml", Path("data")).photos == Path("data/mine")
+    assert Recipe.load(tmp_path / "recipe.yaml", Path("data")).photos == Path("data/mine")
     (tmp_path / "recipe.yaml").write_text("families: [\n")
     with pytest.raises(BadInputError, match=r"recipe\.yaml: not a readable recipe"):
-        read_recipe(tmp_path / "recipe.yaml", tmp_path)
+        Recipe.load(tmp_path / "recipe.yaml", tmp_path)
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_fast", "paper"])
@@ -415,7 +415,7 @@ def test_the_shipped_configs_are_read(name: str) -> None:
     for pool in config.pools.values():
         assert pool.folder.parent == Path("data")
         if pool.recipe is not None:
-            assert read_recipe(pool.recipe, Path("data")).size_px == 128
+            assert Recipe.load(pool.recipe, Path("data")).size_px == 128
 
 
 def test_a_checkpoint_is_never_run(tmp_path: Path) -> None:

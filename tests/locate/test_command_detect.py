@@ -11,10 +11,10 @@ import typer
 from typer.testing import CliRunner, Result
 
 from detect.detection import Detection, Detector, Frames
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.npz import read_npz
 from locate import detectors, pipeline
-from locate.atomic import replacing
 from locate.commands.detect import detect
 from locate.config import RunConfig
 from locate.detectors import make_detector
