@@ -31,7 +31,7 @@ NOISE = (0.4, 4.0)
 POSE_ERROR_DEG = (0.003, 0.1)
 SHIFT_M_PER_DEG = 0.15
 SIDE_PX = (320, 240)
-FOCAL_PX = 280.0
+FOCAL_PX = (250.0, 600.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ def lesson_scene(seed: int) -> Scene:
         frames=FRAMES,
         arc_deg=float(rng.uniform(14, 40)),
     )
-    camera = CameraBlock(width=SIDE_PX[0], height=SIDE_PX[1], focal_px=FOCAL_PX)
+    camera = CameraBlock(width=SIDE_PX[0], height=SIDE_PX[1], focal_px=log_uniform(rng, FOCAL_PX))
     return scene.model_copy(update={"camera": camera, "path": _path(rng, scene.path)})
 
 
