@@ -33,14 +33,17 @@ from detect.detection import Detection
 from detect.dybs import DybsDetector
 from detect.dybs.calibrate import labels_of
 from detect.dybs.demodulation import demodulate
-from detect.dybs.detector import CLASS_NAMES, WHITE, Look, waves_score
+from detect.dybs.detector import CLASS_NAMES, WHITE, Look, Reading, joined
+from detect.dybs.edges import straightness
+from detect.dybs.judge import Judge
+from detect.dybs.measure import Measured, measure
 from detect.network import Network
 from detect.scores import auroc, average_precision
 from detect.synthesis import FAMILIES, Recipe, Sample, Sources, shards_in
 from detect.synthesis.camera import MARGIN_PX, Optics, expose
 from detect.synthesis.raster import photos_in
 from detect.synthesis.sample import draw_background
-from detect.texture import Texture, texture_classes
+from detect.texture import texture_classes
 from geometry.arrays import FloatMap, GreyImage
 
 MASK_NATS = 2.0
@@ -50,6 +53,9 @@ SHIFTS_PX = (0.0, 0.125, 0.25, 0.5)
 BACKGROUNDS = 12
 LONGEST_SIDE_PX = 1024
 SHAPE = (480, 640)
+POOL_PX, WAVES_FLOOR = 5.0, 0.3
+"""The floor keeps the logarithm of still air finite."""
+LATTICES = ("sinusoid", "checkerboard")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,26 +81,38 @@ class Contenders:
 
     def answers(self, image: GreyImage) -> Iterator[tuple[str, Answer]]:
         yield "null", Answer(score=self._null)
-        lattice = texture_classes(image) == Texture.LATTICE
-        if lattice.any():
-            waves = demodulate(image, lattice)
-            yield "waves alone", Answer(score=waves_score(waves), displacement=waves.displacement)
+        reading = Reading.of(image, next(iter(self._detectors.values())).eye.judge)
+        yield "waves alone", waves_alone(reading.measured, image.shape)
+        says = reading.says or {"logit": np.zeros(image.shape, np.float32)}
+        yield "judge alone", Answer(score=says["logit"], displacement=says.get("displacement"))
         for name, detector in self._detectors.items():
-            network = detector.eye.network
-            maps = network(planes(image, network.channels))
-            flow = maps["displacement"].transpose(1, 2, 0)
-            yield f"{name} alone", Answer(score=maps["logit"][0], displacement=flow)
-            look = detector.eye.look(image)
-            seen = detector.judge(look)
+            seen = detector.eye.maps(image)
+            yield f"{name} alone", Answer(score=seen["logit"], displacement=seen["displacement"])
+            look = joined(seen, reading)
+            judged = detector.judge(look)
             yield (
                 f"dybs, {name}",
                 Answer(
                     score=unbounded(detector, look),
-                    displacement=seen.displacement,
-                    probability=probability(detector, look, seen),
-                    llr=seen.llr,
+                    displacement=judged.displacement,
+                    probability=probability(detector, look, judged),
+                    llr=judged.llr,
                 ),
             )
+
+
+def waves_alone(measured: Measured, shape: tuple[int, ...]) -> Answer:
+    """The waves' displacement; its score is the size in their own sigmas, pooled."""
+    displacement = measured.displacement * measured.lattice[..., None]
+    size_px = np.linalg.norm(displacement, axis=-1).astype(np.float32)
+    pooled = cv2.GaussianBlur(size_px, (0, 0), POOL_PX / 2) * np.sqrt(measured.certainty)
+    score = np.where(measured.lattice, np.log(pooled + WAVES_FLOOR), 0)
+    size = (2 * score.shape[1], 2 * score.shape[0])
+    inside = tuple(slice(side) for side in shape)
+    return Answer(
+        score=cv2.resize(score.astype(np.float32), size)[inside],
+        displacement=cv2.resize(displacement, size)[inside],
+    )
 
 
 def unbounded(detector: DybsDetector, look: Look) -> FloatMap:
@@ -200,15 +218,14 @@ def table(options: argparse.Namespace) -> None:
           "| r | ECE | precision | recall | speaks |\n|" + "---|" * 11)  # fmt: skip
     for family in FAMILIES:
         for (of, name), tally in tallies.items():
-            if of == family and (name != "waves alone" or family in {"sinusoid", "checkerboard"}):
+            if of == family and (name != "waves alone" or family in LATTICES):
                 print(f"| {family} | {name} | {tally.row(moves=name != 'null')} |", flush=True)
     if options.plot:
         first = Network(options.networks[0]).name
-        names = ("null", "waves alone", f"{first} alone", f"dybs, {first}")
+        names = ("null", "waves alone", "judge alone", f"{first} alone", f"dybs, {first}")
         curves = {}
         for family in ("sinusoid", "checkerboard", "lines", "scene"):
-            lattice = family in {"sinusoid", "checkerboard"}
-            shown = [name for name in names if lattice or name != "waves alone"]
+            shown = [name for name in names if family in LATTICES or name != "waves alone"]
             curves[family] = {name: tallies[family, name].by_peak() for name in shown}
             for name, values in curves[family].items():
                 print(f"AUROC by peak, {family}, {name}: {' '.join(f'{v:.3f}' for v in values)}")
@@ -217,7 +234,7 @@ def table(options: argparse.Namespace) -> None:
 
 def plot(curves: dict[str, dict[str, list[float]]]) -> np.ndarray:
     """One panel a family: AUROC against the peak of the plume, on a logarithmic axis."""
-    colours = [(150, 150, 150), (60, 160, 60), (200, 120, 30), (30, 60, 200)]
+    colours = [(150, 150, 150), (60, 160, 60), (160, 60, 160), (200, 120, 30), (30, 60, 200)]
     middles = np.sqrt(np.multiply(PEAKS_PX[:-1], PEAKS_PX[1:]))
     columns = 60 + (np.log(middles) - np.log(0.08)) / np.log(1.1 / 0.08) * 300
     panels = []
@@ -249,22 +266,34 @@ def shift(options: argparse.Namespace) -> None:
     """Mean probability of refraction on undistorted images that are merely shifted."""
     print("| network | background | " + " | ".join(f"{s} px" for s in SHIFTS_PX)
           + " | largest change | of the mask's llr > 2 |\n|" + "---|" * 8)  # fmt: skip
-    for path in options.networks:
-        network, detector = Network(path), DybsDetector(path)
-        for family in FAMILIES:
-            if family == "photo" and not options.photos:
-                continue
-            recipe = Recipe(families={family: 1}, split="test", photos=options.photos)
-            shifted = [shifted_images(recipe, family, px) for px in SHIFTS_PX]
-            stated, masked = [], []
-            for images in shifted:
-                logits = [network(planes(image))["logit"] for image in images]
-                stated.append(np.mean([1 / (1 + np.exp(-logit)) for logit in logits]))
-                seen = [detector.judge(detector.eye.look(image)).llr for image in images]
-                masked.append(np.mean([llr > MASK_NATS for llr in seen]))
-            change = np.ptp(stated)
-            print(f"| {network.name} | {family} | " + " | ".join(f"{p:.4f}" for p in stated)
-                  + f" | {change:.4f} | {np.ptp(masked):.4f} |", flush=True)  # fmt: skip
+    detectors = [DybsDetector(path) for path in options.networks]
+    for family in FAMILIES:
+        if family == "photo" and not options.photos:
+            continue
+        recipe = Recipe(families={family: 1}, split="test", photos=options.photos)
+        shifted = [shifted_images(recipe, family, px) for px in SHIFTS_PX]
+        for detector in detectors:
+            looks = [[detector.eye.look(image) for image in images] for images in shifted]
+            masked = [np.mean([detector.judge(look).llr > MASK_NATS for look in some])
+                      for some in looks]  # fmt: skip
+            change = f"{np.ptp(masked):.4f}"
+            print_shift(
+                detector.eye.network.name, family, [stated(some, 0) for some in looks], change
+            )
+        print_shift("judge", family, [stated(some, 1) for some in looks], "")
+
+
+def stated(looks: Sequence[Look], score: int) -> float:
+    """Mean probability by one of the scores, where there is one."""
+    logits = np.concatenate([look.scores[..., score].ravel() for look in looks])
+    told = logits != 0
+    return float(np.mean(1 / (1 + np.exp(-logits[told])))) if told.any() else float("nan")
+
+
+def print_shift(name: str, family: str, means: Sequence[float], change: str) -> None:
+    if np.isfinite(means).all():
+        print(f"| {name} | {family} | " + " | ".join(f"{p:.4f}" for p in means)
+              + f" | {np.ptp(means):.4f} | {change} |", flush=True)  # fmt: skip
 
 
 def shifted_images(recipe: Recipe, family: str, shift_px: float) -> list[GreyImage]:
@@ -324,6 +353,9 @@ def speed(options: argparse.Namespace) -> None:
         timed("dybs with it, all a lattice", lambda d=detector: d.judge(d.eye.look(lattice)))
     timed("texture classes", lambda: texture_classes(image))
     timed("demodulation, all a lattice", lambda: demodulate(lattice, np.ones(SHAPE, bool)))
+    timed("straightness, on noise", lambda: straightness(image))
+    measured, judge = measure(lattice, texture_classes(lattice)), Judge()
+    timed("judge, onnxruntime", lambda: judge(measured, SHAPE))
     if options.paper:
         time_paper(image)
 

@@ -1,10 +1,13 @@
 """A robot's camera at 30 Hz into a `Locator`: frames looked at, latency, memory.
 
     python benchmarks/robot_live.py --seconds 60
-    python benchmarks/robot_live.py --seconds 1200 --width 320
+    python benchmarks/robot_live.py --seconds 300 --width 320 --plot memory.svg
+    python benchmarks/robot_live.py --replay 120 --width 320
 
-The bundled recording is driven there and back, in real time, each frame shown twice; poses are the
-true ones. Latency is from the stamp of the latest frame behind an update to the update.
+The bundled recording is driven there and back, each frame shown twice; poses are the true ones.
+Live, it comes in real time, and latency is from the stamp of the latest frame behind an update to
+the update. A replay waits for nothing and drops nothing, until so many key frames have been looked
+at: what they cost does not depend on what else the machine does.
 """
 
 import argparse
@@ -15,10 +18,14 @@ from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from detect.detection import Detection, Detector, Frames
+from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.trajectory import Trajectory
+from locate.detectors import registered_weights
 from locate.robot import Locator, Settings
 from locate.sample import SAMPLE, SAMPLE_VIDEO
 from locate.video import open_recording
@@ -27,6 +34,22 @@ RATE_HZ = 30
 SHOWN = 2
 NS = 1_000_000_000
 SIGMAS = np.repeat([np.deg2rad(0.05), 0.005], 3)
+COVARIANCE = np.diag(SIGMAS**2)
+
+
+class Timed:
+    """A detector that counts its CPU seconds."""
+
+    def __init__(self, detector: Detector) -> None:
+        self.name = detector.name
+        self.cpu_s: list[float] = []
+        self._detector = detector
+
+    def detect(self, frames: Frames, index: int) -> Detection:
+        started = time.thread_time()
+        detection = self._detector.detect(frames, index)
+        self.cpu_s.append(time.thread_time() - started)
+        return detection
 
 
 def drive(truth: Trajectory) -> Iterator[tuple[GreyImage, FloatArray]]:
@@ -50,40 +73,92 @@ def quantiles(values: list[float]) -> str:
     return f"p50 {p50:.1f}, p99 {p99:.1f}, largest {max(values):.1f}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60)
-    parser.add_argument("--width", type=int, default=640)
-    arguments = parser.parse_args()
-    truth = Trajectory.from_dict(json.loads((SAMPLE / "truth.json").read_text()))
-    settings = Settings(width_px=arguments.width)
+def live(locator: Locator, truth: Trajectory, seconds: float) -> list[float]:
+    """Feeds in real time; the memory every tenth of the time, MB."""
     feeding_ms: list[float] = []
     latency_s: list[float] = []
     memory_mb: list[float] = []
-    with Locator(truth.camera, settings=settings) as locator:
-        started, cpu = time.monotonic(), time.process_time()
-        for count, (image, pose) in enumerate(drive(truth)):
-            due = started + count / RATE_HZ
-            time.sleep(max(0.0, due - time.monotonic()))
-            now = time.monotonic()
-            if now - started > arguments.seconds:
-                break
-            news = locator.feed(image, pose, np.diag(SIGMAS**2), round((now - started) * NS))
-            feeding_ms.append(1e3 * (time.monotonic() - now))
-            latency_s += [time.monotonic() - started - update.stamp_ns / NS for update in news]
-            if count % (60 * RATE_HZ) == 0:
-                memory_mb.append(resident_mb())
-                print(f"{count / RATE_HZ / 60:4.0f} min  {memory_mb[-1]:6.0f} MB", flush=True)
-        seconds, cpu = time.monotonic() - started, time.process_time() - cpu
-        counts = locator.counts
-    print(f"fed {counts.images / seconds:.1f}/s, key frames {counts.key_frames / seconds:.2f}/s")
-    print(f"looked at {counts.looked_at / seconds:.2f}/s, dropped {counts.dropped}")
-    print(
-        f"CPU {cpu / max(counts.looked_at, 1):.2f} s a frame looked at, {cpu / seconds:.2f} cores"
-    )
+    started, cpu = time.monotonic(), time.process_time()
+    for count, (image, pose) in enumerate(drive(truth)):
+        due = started + count / RATE_HZ
+        time.sleep(max(0.0, due - time.monotonic()))
+        now = time.monotonic()
+        if now - started > seconds:
+            break
+        news = locator.feed(image, pose, COVARIANCE, round((now - started) * NS))
+        feeding_ms.append(1e3 * (time.monotonic() - now))
+        latency_s += [time.monotonic() - started - update.stamp_ns / NS for update in news]
+        if count % max(round(seconds * RATE_HZ / 10), 1) == 0:
+            memory_mb.append(resident_mb())
+    spent, cpu = time.monotonic() - started, time.process_time() - cpu
+    counts = locator.counts
+    print(f"fed {counts.images / spent:.1f}/s, key frames {counts.key_frames / spent:.2f}/s")
+    print(f"looked at {counts.looked_at / spent:.2f}/s, dropped {counts.dropped}")
+    print(f"{cpu / spent:.2f} cores")
     print(f"feed, ms: {quantiles(feeding_ms)}")
     print(f"stamp to update, s: {quantiles(latency_s)}")
-    print(counts)
+    return memory_mb
+
+
+def replay(locator: Locator, truth: Trajectory, key_frames: int) -> list[float]:
+    """Feeds until so many key frames have been looked at; the memory after each tenth, MB."""
+    memory_mb: list[float] = []
+    for count, (image, pose) in enumerate(drive(truth)):
+        locator.feed(image, pose, COVARIANCE, count * NS // RATE_HZ)
+        share = locator.counts.looked_at / key_frames
+        if share * 10 >= len(memory_mb):
+            memory_mb.append(resident_mb())
+        if share >= 1:
+            return memory_mb
+    return memory_mb
+
+
+def plotted(memory_mb: list[float]) -> str:
+    """The memory over the run as a drawing."""
+    top = 1.2 * max(memory_mb)
+    places = zip(np.linspace(50, 390, len(memory_mb)), memory_mb, strict=True)
+    line = " ".join(f"{x:.0f},{180 - 160 * mb / top:.0f}" for x, mb in places)
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 400 200" font-size="11">'
+        '<path d="M50 20V180H390" fill="none" stroke="grey"/>'
+        f'<polyline points="{line}" fill="none" stroke="crimson" stroke-width="2"/>'
+        f'<text x="4" y="24">{top:.0f} MB</text><text x="30" y="184">0</text>'
+        '<text x="200" y="196">time</text></svg>\n'
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60)
+    parser.add_argument("--replay", type=int, default=0, metavar="KEY_FRAMES")
+    parser.add_argument("--width", type=int, default=Settings().width_px)
+    parser.add_argument("--neighbours", type=int, default=8)
+    parser.add_argument("--plain", action="store_true", help="judge by hand, not by the network")
+    parser.add_argument("--plot", type=Path)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    truth = Trajectory.from_dict(json.loads((SAMPLE / "truth.json").read_text()))
+    weights = None if arguments.plain else registered_weights()
+    detector = Timed(RegisteredDetector(neighbours=arguments.neighbours, weights=weights))
+    settings = Settings(width_px=arguments.width)
+    cpu = time.process_time()
+    with Locator(
+        truth.camera, settings=settings, detector=detector, threaded=not arguments.replay
+    ) as locator:
+        if arguments.replay:
+            memory_mb = replay(locator, truth, arguments.replay)
+        else:
+            memory_mb = live(locator, truth, arguments.seconds)
+    looked_at = max(len(detector.cpu_s), 1)
+    rest_s = (time.process_time() - cpu - sum(detector.cpu_s)) / looked_at
+    print(f"{detector.name}, CPU s a key frame: p50 {np.median(detector.cpu_s):.2f} to look at it,")
+    print(f"  {rest_s:.2f} for all else: searches, following, intake")
+    print(f"memory, MB, by tenths: {' '.join(f'{mb:.0f}' for mb in memory_mb)}")
+    print(locator.counts)
+    for plume in locator.plume_map().plumes:
+        print(f"source {plume.source.round(2)}, sigma {plume.principal_sigmas[0]:.2f} m")
+    if arguments.plot:
+        arguments.plot.write_text(plotted(memory_mb))
 
 
 if __name__ == "__main__":

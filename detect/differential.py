@@ -85,12 +85,32 @@ def window_shift(
     gx: FloatMap, gy: FloatMap, difference: FloatMap, window_px: float, noise: float
 ) -> FloatMap:
     """(H, W, 2) the shift s with gx s_x + gy s_y + difference = 0, least squares in a window."""
-    xx, xy, yy = structure_tensor(gx, gy, window_px)
-    xx, yy = xx + noise**2, yy + noise**2
-    tx, ty = blur(gx * difference, window_px), blur(gy * difference, window_px)
-    determinant = xx * yy - xy * xy
-    shift = np.stack([xy * ty - yy * tx, xy * tx - xx * ty], axis=-1)
-    return np.asarray(shift / determinant[..., None])
+    return Window(gx, gy, window_px, noise).shift(difference)
+
+
+class Window:
+    """Least squares in a Gaussian window round every pixel, for many differences.
+
+    Args:
+        gx: (H, W) slope along x, grey levels per px.
+        gy: (H, W) along y.
+        window_px: Standard deviation of the window.
+        noise: Damping, as the texture that counts as none.
+    """
+
+    def __init__(self, gx: FloatMap, gy: FloatMap, window_px: float, noise: float) -> None:
+        xx, xy, yy = structure_tensor(gx, gy, window_px)
+        xx, yy = xx + noise**2, yy + noise**2
+        determinant = xx * yy - xy * xy
+        self._inverse = (yy / determinant, -xy / determinant, xx / determinant)
+        self._gx, self._gy, self._window_px = gx, gy, window_px
+
+    def shift(self, difference: FloatMap) -> FloatMap:
+        """(H, W, 2) the shift s with gx s_x + gy s_y + difference = 0."""
+        tx = blur(self._gx * difference, self._window_px)
+        ty = blur(self._gy * difference, self._window_px)
+        xx, xy, yy = self._inverse
+        return np.asarray(-cv2.merge([xx * tx + xy * ty, xy * tx + yy * ty]))
 
 
 NEIGHBOUR_MEAN = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], dtype=np.float32) / 12

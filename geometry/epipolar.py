@@ -10,6 +10,7 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.trajectory import Trajectory
 
 MIN_DEPTH_RATIO = 0.05
+BAND = 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,13 +56,33 @@ class Epipolar:
             (..., 2) target position minus source position, px; (..., 2) px per 1 / world unit.
             Points at or behind the target's plane count as just before it.
         """
+        x, y = np.asarray(pixels, dtype=np.float32)[..., 0], np.asarray(pixels)[..., 1]
+        return self._moved(x, y, np.asarray(inverse_depth, dtype=np.float32))
+
+    def over_rows(self, inverse_depth: FloatMap, first_row: int = 0) -> tuple[FloatMap, FloatMap]:
+        """`flow_and_slope` of all pixels of an image, or of some of its rows.
+
+        Args:
+            inverse_depth: (H, W) along the source's optical axis, 1 / world unit.
+            first_row: Row of the image that the first one is.
+        """
+        height, width = inverse_depth.shape
+        flow, slope = np.empty((2, height, width, 2), np.float32)
+        x = np.arange(width, dtype=np.float32)
+        y = np.arange(first_row, first_row + height, dtype=np.float32)[:, None]
+        for start in range(0, height, BAND):  # what is done to a few rows stays in the cache
+            rows = slice(start, start + BAND)
+            flow[rows], slope[rows] = self._moved(x, y[rows], inverse_depth[rows])
+        return flow, slope
+
+    def _moved(self, x: FloatMap, y: FloatMap, rho: FloatMap) -> tuple[FloatMap, FloatMap]:
+        """`flow_and_slope` of x and y that go together with rho by broadcasting."""
         H, e = self.homography.astype(np.float32), self.epipole.astype(np.float32)
-        rho = np.asarray(inverse_depth, dtype=np.float32)
-        x, y = pixels[..., 0], pixels[..., 1]
-        depth_ratio = H[2, 0] * x + H[2, 1] * y + (H[2, 2] + rho * e[2])
+        at_infinity = [row[0] * x + (row[1] * y + row[2]) for row in H]
+        depth_ratio = at_infinity[2] + rho * e[2]
         scale = 1 / np.maximum(depth_ratio, np.float32(MIN_DEPTH_RATIO))
-        target_x = (H[0, 0] * x + H[0, 1] * y + (H[0, 2] + rho * e[0])) * scale
-        target_y = (H[1, 0] * x + H[1, 1] * y + (H[1, 2] + rho * e[1])) * scale
+        target_x = (at_infinity[0] + rho * e[0]) * scale
+        target_y = (at_infinity[1] + rho * e[1]) * scale
         flow, slope = np.empty((2, *scale.shape, 2), np.float32)
         flow[..., 0], flow[..., 1] = target_x - x, target_y - y
         slope[..., 0] = (e[0] - target_x * e[2]) * scale

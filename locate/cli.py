@@ -17,6 +17,7 @@ from locate.commands.pattern import pattern
 from locate.commands.robot import robot
 from locate.commands.run import demo, run
 from locate.commands.simulate import simulate
+from locate.commands.survey import survey
 from locate.commands.train import train
 
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
@@ -27,7 +28,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (run, demo, detect, adapt, simulate, evaluate, bos, pattern, train):
+for command in (run, demo, survey, detect, adapt, simulate, evaluate, bos, pattern, train):
     app.command()(command)
 app.add_typer(robot)
 

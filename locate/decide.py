@@ -14,7 +14,7 @@ from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal import Report, silent
 from locate.observe import Recorded, load_detections
-from locate.plume import PlumeMap
+from locate.plume import Plume, PlumeMap
 
 ONE_VIEWPOINT = (
     "The camera stood still: one viewpoint gives directions to plumes, not positions. "
@@ -59,7 +59,7 @@ def decide(
     fused = fuse(views, seed=seed, progress=lambda share: report("fusion", share))
     limit_px = None
     if fused.grid is not None:
-        save_grid(fused.grid, evidence)
+        save_grid(fused.grid, fused.threshold_nats, evidence)
         limit_px = detection_limit_px(views, fused.threshold_nats, views.unit, seed=seed)
     notes = []
     if not trajectory.metric:
@@ -68,6 +68,8 @@ def decide(
         notes.append(GUESSED_UP)
     if limit_px is None:
         notes.append(BLIND)
+    unit_name = "m" if trajectory.metric else "scene units"
+    notes += [hidden_note(plume, unit_name) for plume in fused.plumes if plume.source_hidden]
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,
@@ -77,6 +79,16 @@ def decide(
         detection_limit_px=limit_px,
         detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
         notes=tuple(notes),
+    )
+
+
+def hidden_note(plume: Plume, unit_name: str) -> str:
+    """Where along its axis a hidden source may be, from 2 sigma below to where evidence begins."""
+    below = 2 * float(np.sqrt(plume.axis @ plume.source_covariance @ plume.axis))
+    above = max(0.0, min(plume.extent_low, below))
+    return (
+        f"Something stands before the source of plume {plume.id}: along the axis it lies between "
+        f"{below:.2g} {unit_name} below and {above:.2g} {unit_name} above the stated point."
     )
 
 
@@ -98,8 +110,12 @@ def _limit_k(limit_px: float | None, views: Views, trajectory: Trajectory) -> fl
     return rise_k if rise_k < HOTTEST_RISE_K else None
 
 
-def save_grid(grid: EvidenceGrid, path: Path) -> None:
-    """Writes evidence.npz: summed llr and weight (Z, Y, X), the lowest corner, the voxel's edge."""
+def save_grid(grid: EvidenceGrid, threshold_nats: float, path: Path) -> None:
+    """Writes evidence.npz.
+
+    Summed llr and weight (Z, Y, X), the lowest corner, the voxel's edge, and what counted as a
+    plume.
+    """
     with path.open("wb") as file:
         np.savez_compressed(
             file,
@@ -108,4 +124,5 @@ def save_grid(grid: EvidenceGrid, path: Path) -> None:
             weight=grid.weight.astype(np.float16),
             low_in_world=grid.box.low_in_world,
             voxel=grid.box.voxel,
+            threshold_nats=threshold_nats,
         )

@@ -10,7 +10,10 @@ from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.errors import BadInputError
 
-DYBS_WEIGHTS = Path(detect.__file__).parent / "dybs" / "weights" / "lite-fast.onnx"
+DETECT = Path(detect.__file__).parent
+DYBS_WEIGHTS = DETECT / "dybs" / "weights" / "lite-fast.onnx"
+REGISTERED_WEIGHTS = DETECT / "registered" / "weights" / "registered.onnx"
+PLAIN = "registered-plain"
 
 
 def make_detector(
@@ -23,10 +26,12 @@ def make_detector(
     """The detector of that name; ``a+b`` is a, helped by b.
 
     Args:
-        name: ``registered``, ``bos``, ``dybs``, or two of them.
+        name: ``registered``, ``registered-plain``, ``bos``, ``dybs``, or two of them. The first is
+            learned where weights are installed, the second always judges by hand.
         points_in_world: (N, 3) sparse points of the scene, for ``registered``.
         reference: The view without plume, for ``bos``.
-        weights: An .onnx file for ``dybs``; None takes what is installed.
+        weights: An .onnx file for ``dybs``, or for ``registered`` alone; None takes what is
+            installed.
 
     Raises:
         BadInputError: The weights are missing or not the network's.
@@ -39,7 +44,8 @@ def make_detector(
         return BosDetector(reference=reference)
     if name == "dybs":
         return single_frame_detector(weights)
-    return RegisteredDetector(points_in_world=points_in_world)
+    network = None if name == PLAIN else registered_weights(weights)
+    return RegisteredDetector(points_in_world=points_in_world, weights=network)
 
 
 def single_frame_detector(weights: Path | None) -> Detector:
@@ -61,3 +67,20 @@ def found_weights(weights: Path | None) -> Path | None:
     if weights is not None:
         return weights
     return DYBS_WEIGHTS if DYBS_WEIGHTS.is_file() else None
+
+
+def registered_weights(weights: Path | None = None) -> Path | None:
+    """The network over registered neighbours: the one given, else the installed one, else None."""
+    if weights is not None:
+        return weights
+    return REGISTERED_WEIGHTS if REGISTERED_WEIGHTS.is_file() else None
+
+
+def files_of(name: str, weights: Path | None) -> list[Path]:
+    """The files that the detector of that name reads its weights from; see `make_detector`."""
+    parts = name.split("+")
+    found = {
+        "dybs": found_weights(weights),
+        "registered": registered_weights(weights if len(parts) == 1 else None),
+    }
+    return [path for part in parts if (path := found.get(part)) is not None]

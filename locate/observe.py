@@ -18,6 +18,7 @@ from locate.journal import Report
 from locate.video.motion import median_motion
 
 ENDS = 3
+WHOLE = (0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,24 +62,33 @@ class Recorded:
 
 
 def observe(
-    recorded: Recorded, detector: Detector, folder: Path, *, most: int, report: Report
+    recorded: Recorded,
+    detector: Detector,
+    folder: Path,
+    *,
+    most: int,
+    report: Report,
+    share: tuple[int, int] = WHOLE,
 ) -> str:
     """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
 
-    Frames that already have their file are left alone.
+    Frames that already have their file are left alone. Of a share (k, n), every n-th frame from
+    the k-th is done, and no index written.
     """
     folder.mkdir(exist_ok=True)
     frames = recorded.frames()
     rows = spread(len(frames), most, ends=0 if recorded.trajectory is None else ENDS)
-    for done, row in enumerate(rows):
-        report("detections", done / len(rows))
+    mine = rows[share[0] :: share[1]]
+    for done, row in enumerate(mine):
+        report("detections", done / len(mine))
         path = folder / f"{recorded.indices[row]:06d}.npz"
         if not path.exists():
             with replacing(path) as unfinished:
                 detector.detect(frames, int(row)).save(unfinished)
     report("detections", 1.0)
     index = {"detector": detector.name, "indices": recorded.indices[rows].tolist()}
-    (folder / "index.json").write_text(json.dumps(index))
+    if share == WHOLE:
+        (folder / "index.json").write_text(json.dumps(index))
     return f"{len(rows)} frames, {detector.name}"
 
 

@@ -19,7 +19,7 @@ HERSHEY_PX = 22
 """Height of a digit of OpenCV's plain font at scale 1."""
 
 
-def displacement_picture(displacement: FloatMap) -> Picture:
+def displacement_picture(displacement: FloatMap, full_scale_px: float | None = None) -> Picture:
     """Hue for the direction, saturation for the size, the largest norm in px in the corner.
 
     White stands still. What shows background from its right is red, from below yellow-green, from
@@ -27,6 +27,7 @@ def displacement_picture(displacement: FloatMap) -> Picture:
 
     Args:
         displacement: (H, W, 2) px, x right, y down; what is not finite stands still.
+        full_scale_px: The size of full saturation; the largest norm if left out.
 
     Returns:
         (H, W, 3).
@@ -35,7 +36,8 @@ def displacement_picture(displacement: FloatMap) -> Picture:
     size = np.hypot(x, y).astype(np.float32)
     largest_px = float(size.max())
     hue = np.degrees(np.arctan2(y, x)).astype(np.float32) % 360
-    hsv = np.stack([hue, size / max(largest_px, 1e-9), np.ones_like(hue)], axis=-1)
+    full = max(largest_px if full_scale_px is None else full_scale_px, 1e-9)
+    hsv = np.stack([hue, np.minimum(size / full, 1), np.ones_like(hue)], axis=-1)
     picture = np.rint(255 * cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)).astype(np.uint8)
     return _labelled(picture, f"{largest_px:.2f} px")
 

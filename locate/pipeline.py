@@ -8,20 +8,29 @@ from typing import Any
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
-from geometry.named_poses import read_camera
+from geometry.named_poses import NamedPoses, read_camera, resized
 from geometry.pose_files import read_named_poses
 from geometry.sfm import reconstruct
 from geometry.trajectory import Trajectory
 from locate.config import RunConfig
 from locate.decide import decide
-from locate.detectors import found_weights, make_detector, single_frame_detector
+from locate.detectors import (
+    PLAIN,
+    files_of,
+    found_weights,
+    make_detector,
+    single_frame_detector,
+)
 from locate.journal import Report, silent
-from locate.observe import Recorded, load_points, observe, save_points
+from locate.known_lengths import KnownLengths
+from locate.observe import WHOLE, Recorded, load_points, observe, save_points
 from locate.place import Placement, place, telemetry_of
 from locate.plume import PlumeMap
 from locate.publish import publish
+from locate.robot.bag_recording import bag_of
 from locate.run_folder import RunFolder, fingerprint_of
-from locate.video import KeyFrames, open_recording, select_frames
+from locate.telemetry import read_telemetry
+from locate.video import KeyFrames, Recording, open_recording, select_frames
 from locate.video.recording import ANY_SIDE
 
 GUESSED_FOCAL = 1.2
@@ -48,17 +57,23 @@ class Run:
     ) -> None:
         self.config = config
         self._check_weights()
+        if config.telemetry is not None:
+            read_telemetry(config.telemetry)
+        self._bag = bag_of(config)
+        self._lengths = KnownLengths.of(config.board, config.distance)
         self.folder = RunFolder(output, force=force)
         self.root = output
         self._report = report
 
     def _check_weights(self) -> None:
         config = self.config
-        if config.weights is not None and config.detector in ("registered", "bos"):
+        if config.weights is not None and config.detector in (PLAIN, "bos"):
             raise BadInputError(
                 f"{config.weights}: {config.detector} has no weights; use --detector dybs or auto"
             )
-        if config.weights is not None or config.detector == "dybs":
+        if config.detector == "registered":
+            make_detector(config.detector, weights=config.weights)
+        elif config.weights is not None or config.detector == "dybs":
             single_frame_detector(config.weights)
 
     def run(self) -> PlumeMap:
@@ -76,9 +91,23 @@ class Run:
         self.folder.withdraw_others()
         return PlumeMap.load(self.root / "map.json")
 
+    def prepare(self, *, poses: bool = True, share: tuple[int, int] | None = None) -> None:
+        """Does a part of what `run` does; `run` does the rest.
+
+        Args:
+            poses: Do the frames and the poses; else only the frames.
+            share: (k, n): measure refraction in every n-th of the chosen frames from the k-th,
+                which several processes may do at the same time; None in none.
+        """
+        self._frames()
+        if poses:
+            recorded = self._recorded()
+            if share is not None:
+                self._detect(recorded, share)
+
     def _frames(self) -> None:
         config = self.config
-        recording = open_recording(config.recording, max_side=config.max_side)
+        recording = self._open(config.max_side)
         self.folder.save_config(config.to_plain())
 
         def build(folder: Path) -> str:
@@ -92,24 +121,34 @@ class Run:
             motion = "camera at rest" if frames.static else "moving camera"
             return f"{len(frames)} of {frames.width}x{frames.height} px, {motion}"
 
-        inputs = {
+        inputs: dict[str, Any] = {
             "recording": fingerprint_of(config.recording),
             "max_frames": config.max_frames,
             "max_side": config.max_side,
         }
+        if self._bag is not None:
+            inputs["image_topic"] = config.image_topic
         self.folder.stage("frames", inputs=inputs, build=build)
         self._key_frames = KeyFrames.load(self.root / "frames" / "index.json")
 
+    def _open(self, max_side: int) -> Recording:
+        if self._bag is not None:
+            return self._bag.recording(max_side=max_side)
+        return open_recording(self.config.recording, max_side=max_side)
+
     def _known_camera(self) -> Camera | None:
-        """The camera of the kept frames, where the user gave one."""
-        if self.config.camera is None:
-            return None
-        return read_camera(self.config.camera, self._key_frames.width, self._key_frames.height)
+        """The camera of the kept frames, where the user or the bag gave one."""
+        size = self._key_frames.width, self._key_frames.height
+        if self.config.camera is not None:
+            return read_camera(self.config.camera, *size)
+        if self._bag is not None and self._bag.camera is not None:
+            return resized(self._bag.camera, *size)
+        return None
 
     def _focal_prior_px(self) -> float | None:
         if self.config.focal_px is None:
             return self._key_frames.focal_prior_px
-        own_width = open_recording(self.config.recording, max_side=ANY_SIDE).width
+        own_width = self._open(ANY_SIDE).width
         return self.config.focal_px * self._key_frames.width / own_width
 
     def _recorded(self) -> Recorded:
@@ -126,14 +165,17 @@ class Run:
             raise
         self._detector = self._chosen("registered")
         trajectory = Trajectory.load(self.root / "trajectory.json")
-        names = dict(zip(frames.indices.tolist(), frames.names, strict=True))
         return Recorded(
             folder=self.root / "frames",
-            names=[names[index] for index in trajectory.indices.tolist()],
+            names=self._names_of(trajectory),
             indices=trajectory.indices,
             camera=trajectory.camera,
             trajectory=trajectory,
         )
+
+    def _names_of(self, trajectory: Trajectory) -> list[str]:
+        names = dict(zip(self._key_frames.indices.tolist(), self._key_frames.names, strict=True))
+        return [names[index] for index in trajectory.indices.tolist()]
 
     def _still(self) -> Recorded:
         """The frames of a camera at rest."""
@@ -170,9 +212,22 @@ class Run:
             for name, path in (("poses", config.poses), ("camera", config.camera))
         }
         inputs["focal_px"] = config.focal_px
-        build = self._register if config.poses is None else self._take_given_poses
+        if self._bag is not None:
+            inputs["pose_topic"] = config.pose_topic
+            inputs["world_frame"] = config.world_frame
+
+        def build(folder: Path) -> str:
+            given = self._given_poses()
+            return self._register(folder) if given is None else self._take(given, folder)
+
         self.folder.stage("poses", after=("frames",), inputs=inputs, build=build)
         self._place()
+
+    def _given_poses(self) -> NamedPoses | None:
+        """Those of the user's file or of the bag."""
+        if self.config.poses is not None:
+            return read_named_poses(self.config.poses, self._known_camera())
+        return None if self._bag is None else self._bag.poses(self._known_camera())
 
     def _register(self, folder: Path) -> str:
         frames = self._key_frames
@@ -193,10 +248,9 @@ class Run:
         result.save(folder / "sfm")
         return f"{len(result.trajectory)} of {len(frames)} frames, {result.report['method']}"
 
-    def _take_given_poses(self, folder: Path) -> str:
-        assert self.config.poses is not None
+    def _take(self, given: NamedPoses, folder: Path) -> str:
         frames = self._key_frames
-        trajectory, _ = read_named_poses(self.config.poses, self._known_camera()).match_to_frames(
+        trajectory, _ = given.match_to_frames(
             [frame.source for frame in frames.frames],
             frames.indices,
             frames.times_s,
@@ -209,10 +263,13 @@ class Run:
     def _place(self) -> None:
         """Turns and scales the reconstruction to what telemetry says of it."""
         config = self.config
-        telemetry = telemetry_of(config.recording, config.telemetry)
+        beside = self._bag is None or config.telemetry is not None
+        telemetry = telemetry_of(config.recording, config.telemetry) if beside else ()
         inputs = {
             "telemetry": [fingerprint_of(path) for path in telemetry],
             "camera_height_m": config.camera_height_m,
+            "board": config.board,
+            "distance": None if config.distance is None else fingerprint_of(config.distance),
         }
 
         def build(folder: Path) -> str:
@@ -225,6 +282,9 @@ class Run:
                 asked=config.telemetry is not None,
                 camera_height_m=config.camera_height_m,
                 points_in_world=points,
+                lengths=self._lengths.scales(
+                    trajectory, self.root / "frames", self._names_of(trajectory)
+                ),
             )
             placement.save(folder / "placement.json")
             placement.moved(trajectory).save(folder / "trajectory.json")
@@ -234,7 +294,7 @@ class Run:
 
         self.folder.stage("place", after=("poses",), inputs=inputs, build=build)
 
-    def _detect(self, recorded: Recorded) -> None:
+    def _detect(self, recorded: Recorded, share: tuple[int, int] | None = None) -> None:
         def build(folder: Path) -> str:
             detector = make_detector(
                 self._detector,
@@ -247,6 +307,7 @@ class Run:
                 folder / "detections",
                 most=self.config.detection_frames,
                 report=self._report,
+                share=share or WHOLE,
             )
 
         inputs: dict[str, Any] = {
@@ -254,11 +315,12 @@ class Run:
             "frames": self.config.detection_frames,
             "camera": recorded.camera.to_dict(),
         }
-        weights = found_weights(self.config.weights)
-        if weights is not None and "dybs" in self._detector:
-            inputs["weights"] = fingerprint_of(weights)
+        weights = files_of(self._detector, self.config.weights)
+        if weights:
+            inputs["weights"] = [fingerprint_of(path) for path in weights]
         after = ("frames",) if recorded.trajectory is None else ("frames", "place")
-        self.folder.stage("detections", after=after, inputs=inputs, build=build)
+        do = self.folder.stage if share is None else self.folder.begin
+        do("detections", after=after, inputs=inputs, build=build)
 
     def _decide(self, recorded: Recorded) -> None:
         def build(folder: Path) -> str:
@@ -280,7 +342,9 @@ class Run:
         self.folder.stage("fusion", after=("detections",), inputs=inputs, build=build)
 
     def _focal_notes(self) -> tuple[str, ...]:
-        known = self.config.camera or self.config.poses or self.config.focal_px
+        config = self.config
+        known = config.camera or config.poses or config.focal_px
+        known = known or (self._bag is not None and self._bag.camera is not None)
         if known or self._key_frames.focal_prior_px is not None:
             return ()
         how = "guessed" if self._at_rest else "estimated from the frames"

@@ -131,6 +131,7 @@ def place(
     asked: bool = False,
     camera_height_m: float | None = None,
     points_in_world: FloatArray | None = None,
+    lengths: Sequence[Scale] = (),
 ) -> Placement:
     """Places a reconstruction by all that is known of it.
 
@@ -144,11 +145,12 @@ def place(
         asked: The user named that file.
         camera_height_m: Of the cameras above the ground plane, where it is known.
         points_in_world: (M, 3) sparse points.
+        lengths: What known sizes in the scene say of its scale.
 
     Raises:
         BadInputError: What was asked for cannot be used.
     """
-    ground = _ground(trajectory, points_in_world, camera_height_m)
+    ground = [*_ground(trajectory, points_in_world, camera_height_m), *lengths]
     notes: tuple[str, ...] = ()
     for path in telemetry:
         try:

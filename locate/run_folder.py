@@ -97,10 +97,7 @@ class RunFolder:
             build: Writes the stage's files into the folder it is given, which may hold what an
                 interrupted run of the same stage left there, and returns a note on the result.
         """
-        depends = {"stage": name, "version": __version__, "inputs": dict(inputs)}
-        depends["after"] = [self._fingerprints[other] for other in after]
-        fingerprint = digest(json.dumps(depends, sort_keys=True).encode())
-        self._fingerprints[name] = fingerprint
+        fingerprint = self._fingerprint(name, after, inputs)
         self._done.add(name)
         stamp_path = self.root / ".stages" / f"{name}.json"
         stamp = self._standing(stamp_path, fingerprint)
@@ -124,6 +121,33 @@ class RunFolder:
         content = {"fingerprint": fingerprint, "outputs": outputs, "time": vars(spent)}
         replace_text(stamp_path, json.dumps(content, indent=1))
         log.info(note, extra={"stage": name, "wall_s": spent.wall_s, "cpu_s": spent.cpu_s})
+
+    def begin(
+        self,
+        name: str,
+        *,
+        after: tuple[str, ...] = (),
+        inputs: Mapping[str, object],
+        build: Callable[[Path], str],
+    ) -> None:
+        """Does a share of a stage, as several processes may at once; `stage` finishes it.
+
+        Args:
+            name: As of `stage`.
+            after: Likewise.
+            inputs: Likewise.
+            build: Writes some of the stage's files into the folder it is given.
+        """
+        fingerprint = self._fingerprint(name, after, inputs)
+        if self._standing(self.root / ".stages" / f"{name}.json", fingerprint) is None:
+            build(self._partial(name, fingerprint))
+
+    def _fingerprint(self, name: str, after: tuple[str, ...], inputs: Mapping[str, object]) -> str:
+        depends = {"stage": name, "version": __version__, "inputs": dict(inputs)}
+        depends["after"] = [self._fingerprints[other] for other in after]
+        fingerprint = digest(json.dumps(depends, sort_keys=True).encode())
+        self._fingerprints[name] = fingerprint
+        return fingerprint
 
     def _standing(self, stamp_path: Path, fingerprint: str) -> dict[str, Any] | None:
         if self._force or not stamp_path.is_file():
@@ -193,7 +217,7 @@ def digest(content: bytes) -> str:
 
 def replace_text(path: Path, text: str) -> None:
     """Writes a text file at once or not at all."""
-    temporary = path.with_name(f".{path.name}.tmp")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     temporary.write_text(text)
     temporary.replace(path)
 

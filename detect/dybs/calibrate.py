@@ -15,16 +15,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from detect.calibration import Calibration
+from detect.calibration import LEAST_AUROC, Calibration
 from detect.dybs.detector import CLASS_NAMES, SCORES, SingleFrame
+from detect.scores import auroc
 from detect.synthesis import Sample, shards_in
+from detect.synthesis.recipe import SAMPLE_FAMILIES
 from detect.texture import Texture
-from geometry.arrays import BoolArray
+from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import LocateError
 
 PLUME_PX, STILL_PX = 0.06, 0.02
 """Displacements above are positive, below negative; those between count as neither."""
 THINNED = 5
+LEAST_SHARE = 0.1
+"""Of a class: a kind of background that makes up as much of it must be told apart by itself."""
 
 
 def labels_of(sample: Sample) -> tuple[BoolArray, BoolArray]:
@@ -36,7 +40,8 @@ def labels_of(sample: Sample) -> tuple[BoolArray, BoolArray]:
 def fitted(weights: Path, samples: Iterable[Sample]) -> Calibration:
     """The calibration of a network on samples, every `THINNED`-th row and column of them.
 
-    What is flat is silent, whatever its noise may look like.
+    What is flat is silent, whatever its noise may look like; and so is a class where one kind of
+    background, hidden among others, says nothing: straight edges of photos among printed lines.
     """
     eye = SingleFrame(weights)
     thin = (slice(None, None, THINNED),) * 2
@@ -45,11 +50,35 @@ def fitted(weights: Path, samples: Iterable[Sample]) -> Calibration:
         look = eye.look(sample.image)
         positive, counts = (map_[thin] for map_ in labels_of(sample))
         counts &= look.texture[thin] != Texture.FLAT
-        parts.append((look.scores[thin][counts], positive[counts], look.texture[thin][counts]))
-    scores, labels, classes = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Calibration.fit(
+        family = np.full(counts.sum(), SAMPLE_FAMILIES.index(sample.family))
+        parts.append(
+            (look.scores[thin][counts], positive[counts], look.texture[thin][counts], family)
+        )
+    scores, labels, classes, families = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
+    calibration = Calibration.fit(
         scores.astype(float), labels, classes, score_names=SCORES, class_names=CLASS_NAMES
     )
+    heard = {}
+    for name, scale in calibration.scales.items():
+        members = classes == CLASS_NAMES.index(name)
+        llr = scale.llr(scores[members])
+        if worst_family(llr, labels[members], families[members]) >= LEAST_AUROC:
+            heard[name] = scale
+    return Calibration(scores=SCORES, scales=heard)
+
+
+def worst_family(llr: FloatMap, labels: BoolArray, families: np.ndarray) -> float:
+    """The least AUROC among the kinds of background that make up a tenth of a class or more.
+
+    Args:
+        llr: (N,) of one class.
+        labels: (N,) true where there is refraction.
+        families: (N,) kind of background.
+    """
+    large = np.flatnonzero(np.bincount(families) >= LEAST_SHARE * len(families))
+    return min(auroc(llr[families == k], labels[families == k]) for k in large)
 
 
 def calibrate(weights: Path, samples: Iterable[Sample]) -> Calibration:

@@ -44,23 +44,33 @@ def demodulate(image: GreyImage, lattice: BoolArray) -> Demodulation:
         image: (H, W) grey values.
         lattice: (H, W) where there is one; elsewhere nothing is said.
     """
+    height, width = image.shape
+    maps = demodulated(image, lattice)
+    if maps.any():
+        even = (2 * maps.shape[1], 2 * maps.shape[0])
+        maps = np.asarray(cv2.resize(maps, even))[:height, :width]
+        maps[~lattice] = 0
+    else:
+        maps = np.zeros((height, width, 5), np.float32)
+    return Demodulation(displacement=maps[..., :2], information=maps[..., 2:])
+
+
+def demodulated(image: GreyImage, lattice: BoolArray) -> FloatMap:
+    """(H/2, W/2, 5), rounded up: displacement x, y; information xx, xy, yy, as `Demodulation`."""
+    maps = np.zeros((*[(side + 1) // 2 for side in image.shape], 5), np.float32)
     if not lattice.any():
-        silence = np.zeros((*image.shape, 5), np.float32)
-        return Demodulation(displacement=silence[..., :2], information=silence[..., 2:])
+        return maps
     even = [(0, side % 2) for side in image.shape]
     grey = np.pad(image, even, mode="edge").astype(np.float32)
     inside = np.pad(lattice, even, mode="edge").astype(np.float32)
-    height, width = grey.shape
-    maps = np.zeros((height // 2, width // 2, 5), np.float32)
     total = np.full(maps.shape[:2], 1e-6, np.float32)
     for part, half, window in _tiles(grey.shape):
         if inside[part].mean() >= LEAST_SHARE:
             maps[half] += window[..., None] * Tile(grey[part], inside[part]).measure()
             total[half] += window
     maps /= total[..., None]
-    maps = np.asarray(cv2.resize(maps, (width, height)))[: image.shape[0], : image.shape[1]]
-    maps[~lattice] = 0
-    return Demodulation(displacement=maps[..., :2], information=maps[..., 2:])
+    maps[~lattice[::2, ::2]] = 0
+    return maps
 
 
 def _tiles(shape: tuple[int, ...]) -> Iterator[tuple[Part, Part, FloatMap]]:

@@ -2,35 +2,33 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
 
 from detect.calibration import Calibration
 from detect.detection import Detection, Frames
-from detect.dybs.demodulation import Demodulation, demodulate
-from detect.network import Network
+from detect.dybs.judge import Judge
+from detect.dybs.measure import Measured, measure
+from detect.network import Maps, Network
 from detect.texture import Classes, Texture, texture_classes
-from detect.warp import blur
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
 
 WHITE = 255.0
-SCORES = ("logit", "waves")
+SCORES = ("logit", "judge")
 CLASS_NAMES = tuple(texture.name.lower() for texture in Texture)
 OUTPUTS = {"displacement": 2, "log_variance": 1, "logit": 1}
-POOL_PX = 5.0
-WAVES_FLOOR = 0.3
-"""Keeps the logarithm of still air finite."""
+MEASURABLE = (Texture.LATTICE, Texture.STRAIGHT)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What a network and the waves say of an image, before anything is believed.
+    """What the networks say of an image, before anything is believed.
 
     Attributes:
-        displacement: (H, W, 2) px of both, weighted by their inverse covariances.
+        displacement: (H, W, 2) px of both, weighted by their inverse variances.
         sigma_px: (H, W) of either component.
         texture: (H, W) of `Texture`.
         scores: (H, W, 2), `SCORES`: higher means refraction.
@@ -42,18 +40,49 @@ class Look:
     scores: FloatMap
 
 
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """What waves and straight edges say of an image, as a judge reads them.
+
+    Attributes:
+        texture: (H, W) of `Texture`; a lattice whose waves say nothing counts as straight.
+        measured: Waves and edges.
+        says: Displacement, log-variance and logit at full size; None where there is neither.
+    """
+
+    texture: Classes
+    measured: Measured
+    says: Maps | None
+
+    @classmethod
+    def of(cls, image: GreyImage, judge: Judge) -> Self:
+        """Reads an image, (H, W)."""
+        texture = texture_classes(image)
+        measured = measure(image, texture)
+        waves = measured.lattice.repeat(2, axis=0).repeat(2, axis=1)
+        unmeasured = (texture == Texture.LATTICE) & ~waves[: image.shape[0], : image.shape[1]]
+        texture[unmeasured] = Texture.STRAIGHT
+        says = judge(measured, image.shape) if np.isin(texture, MEASURABLE).any() else None
+        return cls(texture=texture, measured=measured, says=says)
+
+
 class SingleFrame:
-    """A network of displacement, log-variance and logit, joined by demodulation on lattices.
+    """A network that looks at the image, joined by one that judges its waves and straight edges.
 
     Args:
-        weights: The .onnx file. Its metadata may hold `scale`: how much smaller an image it wants.
+        weights: The .onnx file of the former. Its metadata may hold `scale`: how much smaller an
+            image it wants.
+
+    Attributes:
+        network: The former.
+        judge: The latter.
 
     Raises:
         BadInputError: The file is not such a network.
     """
 
     def __init__(self, weights: Path) -> None:
-        self.network = Network(weights)
+        self.network, self.judge = Network(weights), Judge()
         self._scale = float(self.network.metadata.get("scale", 1))
         missing = OUTPUTS.keys() - set(self.network.outputs)
         if missing or self.network.channels not in {1, 3} or not 0 < self._scale <= 1:
@@ -64,21 +93,10 @@ class SingleFrame:
 
     def look(self, image: GreyImage) -> Look:
         """Looks at one image, (H, W)."""
-        maps = self._maps(image)
-        texture = texture_classes(image)
-        waves = demodulate(image, texture == Texture.LATTICE)
-        certain = waves.information[..., 0] + waves.information[..., 2]
-        texture[(texture == Texture.LATTICE) & (certain <= 0)] = Texture.STRAIGHT
-        displacement, sigma_px = joined(maps["displacement"], maps["log_variance"], waves)
-        return Look(
-            displacement=displacement,
-            sigma_px=sigma_px,
-            texture=texture,
-            scores=np.stack([maps["logit"], waves_score(waves)], axis=-1),
-        )
+        return joined(self.maps(image), Reading.of(image, self.judge))
 
-    def _maps(self, image: GreyImage) -> dict[str, FloatMap]:
-        """The network's, at the image's own size and in its own px."""
+    def maps(self, image: GreyImage) -> Maps:
+        """The network's, at the image's own size and in its own px; see `Judge`."""
         height, width = image.shape
         seen = image
         if self._scale < 1:
@@ -140,39 +158,29 @@ class DybsDetector:
         )
 
 
-def waves_score(waves: Demodulation) -> FloatMap:
-    """(H, W) log of the size that waves measure in their own sigmas, pooled; 0 without waves."""
-    certain = waves.information[..., 0] + waves.information[..., 2]
-    if not certain.any():
-        return certain
-    size_px = np.hypot(waves.displacement[..., 0], waves.displacement[..., 1])
-    score = np.log(blur(size_px, POOL_PX) * np.sqrt(certain) + WAVES_FLOOR)
-    score[certain <= 0] = 0
-    return np.asarray(score, dtype=np.float32)
+def joined(seen: Maps, reading: Reading) -> Look:
+    """What a network saw, and what was read where there is something to read.
 
-
-def joined(
-    displacement: FloatMap, log_variance: FloatMap, waves: Demodulation
-) -> tuple[FloatMap, FloatMap]:
-    """A network's displacement and the waves', each weighted by its inverse covariance.
+    Displacements are weighted by their inverse variances; on lattices the judge's alone counts.
 
     Args:
-        displacement: (H, W, 2) px.
-        log_variance: (H, W) of either component, log px^2.
-        waves: Of the same image.
-
-    Returns:
-        (H, W, 2) px; (H, W) sigma_px of either component.
+        seen: (H, W, 2) `displacement` px, (H, W) `log_variance` of either component, log px^2, and
+            `logit`.
+        reading: Of the same image.
     """
-    if not waves.information.any():
-        return displacement, np.exp(log_variance / 2)
-    certain: Any = np.exp(-log_variance)
-    x, y = np.moveaxis(waves.displacement, -1, 0)
-    xx, xy, yy = np.moveaxis(waves.information, -1, 0)
-    right = certain * displacement[..., 0] + xx * x + xy * y
-    down = certain * displacement[..., 1] + xy * x + yy * y
-    xx, yy = xx + certain, yy + certain
-    determinant = xx * yy - xy * xy
-    best = np.stack([yy * right - xy * down, xx * down - xy * right], axis=-1)
-    sigma_px = np.sqrt((xx + yy) / (2 * determinant))
-    return (best / determinant[..., None]).astype(np.float32), sigma_px.astype(np.float32)
+    certain: Any = np.exp(-seen["log_variance"])
+    more: Any = 0
+    displacement, judged = seen["displacement"], np.zeros_like(seen["logit"])
+    if reading.says is not None:
+        certain = np.where(reading.texture == Texture.LATTICE, 0, certain)
+        where = np.isin(reading.texture, MEASURABLE)
+        more = np.where(where, np.exp(-reading.says["log_variance"]), 0)
+        judged = np.where(where, reading.says["logit"], 0)
+        share = (more / (certain + more))[..., None]
+        displacement = displacement + share * (reading.says["displacement"] - displacement)
+    return Look(
+        displacement=displacement,
+        sigma_px=np.asarray(1 / np.sqrt(certain + more), dtype=np.float32),
+        texture=reading.texture,
+        scores=np.stack([seen["logit"], judged], axis=-1),
+    )

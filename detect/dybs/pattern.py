@@ -12,6 +12,8 @@ from geometry.arrays import FloatArray, FloatMap
 ORDER = 3
 ROUNDS = 2
 OUTLIER, ODD = 3.0, 4.0
+VISIBLE = 0.4
+"""Share of the pattern's own contrast below which no departure is odd: a plume makes such."""
 MEDIAN_OF_SQUARE = 0.455
 RIDGE = 1e-6
 
@@ -36,8 +38,8 @@ def departure(
         noise: Of the camera, grey levels.
 
     Returns:
-        The share of the pixels that depart by more than 4 times the median; the median squared
-        departure above the noise, in those of the pattern itself.
+        The share of the pixels that depart by more than 4 times the median and visibly; the median
+        squared departure above the noise, in those of the pattern itself.
     """
     slow = [at, *((at * part) for z in turned for part in (z.real, z.imag))]
     fast = [part[None] for z in _harmonics(turned, frequencies) for part in (z.real, z.imag)]
@@ -52,9 +54,9 @@ def departure(
         median = float(np.median(errors)) + 1e-3
         weights = inside.copy()
         weights[member] /= 1 + (errors / (OUTLIER * median)) ** 2
-    own = np.median(np.abs(grey - found[:3] @ at)[member]) ** 2 + 1e-9
-    unexplained = max(median**2 - MEDIAN_OF_SQUARE * noise**2, 0) / own
-    return float(np.mean(errors > ODD * median)), float(unexplained)
+    own = np.median(np.abs(grey - found[:3] @ at)[member]) + 1e-4
+    unexplained = max(median**2 - MEDIAN_OF_SQUARE * noise**2, 0) / own**2
+    return float(np.mean(errors > max(ODD * median, VISIBLE * own))), float(unexplained)
 
 
 def _harmonics(turned: Complex, frequencies: FloatArray) -> Iterator[Complex]:

@@ -14,7 +14,7 @@ EDGE_DOUBT = 0.95
 THINNED, SOME = 4, 11
 BEND_ROUNDS = 4
 MISFIT_PX = 0.01
-LARGEST = (0.2, 0.085, 0.05)
+LARGEST = (0.2, 0.045, 0.05)
 """Scatter px, odd and unexplained shares: what shows more of one is no plane lattice."""
 
 

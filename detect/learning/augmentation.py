@@ -25,27 +25,45 @@ def augment(
         random: Decides.
     """
     symmetry = int(random.integers(SYMMETRIES[how.symmetries]))
-    image = turn(image, symmetry, how.vectors)
+    image = turn(image, symmetry, how.vectors, how.tensors)
     displacement = turn(displacement, symmetry, ((0, 1),))
+    if how.negate and random.random() < 0.5:
+        image, displacement = _negated(image, how.vectors), -displacement
     if random.random() < 0.5 and family in how.invert:
         image = 1 - image
     return image * np.float32(random.uniform(*how.gain)), displacement
 
 
-def turn(planes: FloatMap, symmetry: int, vectors: tuple[tuple[int, int], ...]) -> FloatMap:
-    """One of the 8 symmetries of the square; vectors turn with the image.
+def turn(
+    planes: FloatMap,
+    symmetry: int,
+    vectors: tuple[tuple[int, int], ...],
+    tensors: tuple[tuple[int, int, int], ...] = (),
+) -> FloatMap:
+    """One of the 8 symmetries of the square; vectors and tensors turn with the image.
 
     Args:
         planes: (C, H, W).
         symmetry: Bit 0 mirrors left and right, bit 1 up and down, bit 2 swaps x and y.
         vectors: Pairs of planes that are x and y of a vector.
+        tensors: Triples of planes that are xx, xy and yy of a symmetric tensor.
     """
     turned = planes[:, :: -1 if symmetry & 2 else 1, :: -1 if symmetry & 1 else 1].copy()
     for x, y in vectors:
         turned[x] *= -1 if symmetry & 1 else 1
         turned[y] *= -1 if symmetry & 2 else 1
+    for _, xy, _ in tensors:
+        turned[xy] *= -1 if symmetry & 3 in {1, 2} else 1
     if symmetry & 4:
         turned = np.ascontiguousarray(turned.transpose(0, 2, 1))
         for x, y in vectors:
             turned[[x, y]] = turned[[y, x]]
+        for xx, _, yy in tensors:
+            turned[[xx, yy]] = turned[[yy, xx]]
     return turned
+
+
+def _negated(planes: FloatMap, vectors: tuple[tuple[int, int], ...]) -> FloatMap:
+    signs = np.ones((len(planes), 1, 1), np.float32)
+    signs[[plane for pair in vectors for plane in pair]] = -1
+    return planes * signs

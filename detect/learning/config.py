@@ -40,12 +40,24 @@ class PoolConfig(_Settings):
     Attributes:
         folder: As `detect.synthesis.render_dataset` writes it.
         samples: The first so many; all that are there if left out.
+        seeds: Of lessons, ranges (first, after last), where the pool is made of these instead of
+            rendered samples.
+        photos: That the scenes of the lessons are made of; plants where left out. Beside the
+            folders of samples.
         recipe: What they are rendered from where they are missing; from where the config stands.
+        measured: A folder of rendered samples, where these are what waves and edges say of them.
     """
 
     folder: Path
     recipe: Path | None = None
+    measured: Path | None = None
     samples: int | None = Field(default=None, ge=1)
+    seeds: tuple[tuple[int, int], ...] | None = Field(default=None, min_length=1)
+    photos: Path | None = None
+
+    def all_seeds(self) -> list[int]:
+        """Of the lessons, in order; empty where the pool is of samples."""
+        return [seed for span in self.seeds or () for seed in range(*span)]
 
 
 class LossConfig(_Settings):
@@ -70,12 +82,16 @@ class Augmentation(_Settings):
     Attributes:
         symmetries: ``all`` 8 of the square, ``flips`` along both axes, ``mirror`` left and right.
         vectors: Pairs of input channels that are the (x, y) of a vector and turn with the image.
+        tensors: Triples of them that are the (xx, xy, yy) of a symmetric tensor and turn with it.
+        negate: Whether vectors and displacement may change sign: a gas denser than air.
         invert: Families whose brightness may be inverted.
         gain: Factor on the brightness.
     """
 
     symmetries: Literal["all", "flips", "mirror", "none"] = "all"
     vectors: tuple[tuple[int, int], ...] = ()
+    tensors: tuple[tuple[int, int, int], ...] = ()
+    negate: bool = False
     invert: tuple[str, ...] = ()
     gain: Range = (1.0, 1.0)
 
@@ -199,7 +215,9 @@ class TrainConfig(_Settings):
             name: pool.model_copy(
                 update={
                     "folder": data / pool.folder,
+                    "photos": None if pool.photos is None else data / pool.photos,
                     "recipe": None if pool.recipe is None else here / pool.recipe,
+                    "measured": None if pool.measured is None else data / pool.measured,
                 }
             )
             for name, pool in self.pools.items()
@@ -235,12 +253,15 @@ class TrainConfig(_Settings):
             for first, stage in self.starts()
             if first < max(step, 1)
         ]
-        plain["samples"] = {
-            name: self.pools[name].samples
+        pools = {
+            name: self.pools[name]
             for first, stage in self.starts()
             if first < max(step, 1)
             for name in stage.pools
         }
+        plain["samples"] = {name: pool.samples for name, pool in pools.items()}
+        if seeds := {name: pool.seeds for name, pool in pools.items() if pool.seeds}:
+            plain["seeds"] = seeds
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
 
     def to_plain(self) -> dict[str, Any]:

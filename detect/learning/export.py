@@ -53,7 +53,7 @@ def export(config: TrainConfig, checkpoint: Path, path: Path) -> Path:
 
 
 def publish(config: TrainConfig, folder: Path) -> list[Path]:
-    """Writes best.onnx and last.onnx of a finished training, and last-int8.onnx for masks.
+    """Writes best.onnx and last.onnx of a finished training; for images last-int8.onnx too.
 
     Args:
         config: It was trained with.
@@ -63,7 +63,7 @@ def publish(config: TrainConfig, folder: Path) -> list[Path]:
         The files.
     """
     files = [export(config, folder / name, folder / f"{name[:-3]}.onnx") for name in (BEST, LAST)]
-    if config.network.kind == "plume":
+    if config.network.kind == "plume" and config.network.normalise:
         pool = config.pools[next(iter(config.stages[-1].pools))]
         some = Pool.load(
             pool.model_copy(update={"samples": pool.samples and min(pool.samples, SOME)})

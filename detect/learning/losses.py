@@ -11,25 +11,23 @@ ROUND = 0.3
 BETA = 0.5
 
 
-def labels(truth: Tensor, *, positive_px: float, negative_px: float) -> tuple[Tensor, Tensor]:
+def labels(truth: Tensor, limits_px: Tensor) -> tuple[Tensor, Tensor]:
     """What the mask should say, and where it is asked.
 
     Args:
         truth: (N, 2, H, W) px.
-        positive_px: |w| above is plume.
-        negative_px: |w| below is none.
+        limits_px: (N, 2) |w| above the first is plume, below the second none.
 
     Returns:
         (N, 1, H, W) float, 1 where there is plume; (N, 1, H, W) bool.
     """
     size = truth.square().sum(1, keepdim=True).sqrt()
+    positive_px, negative_px = limits_px.reshape(-1, 2, 1, 1, 1).unbind(1)
     plume = size > positive_px
     return plume.float(), plume | (size < negative_px)
 
 
-def total(
-    says: Prediction, truth: Tensor, weights: LossConfig, *, positive_px: float, negative_px: float
-) -> Tensor:
+def total(says: Prediction, truth: Tensor, weights: LossConfig, limits_px: Tensor) -> Tensor:
     """The weighted sum of the losses that have a weight."""
     error = (says.displacement - truth) / DISPLACEMENT_UNIT
     loss = error.new_zeros(())
@@ -38,7 +36,7 @@ def total(
     if weights.squared:
         loss = loss + weights.squared * error.square().mean()
     if weights.mask and says.logit is not None:
-        plume, asked = labels(truth, positive_px=positive_px, negative_px=negative_px)
+        plume, asked = labels(truth, limits_px)
         loss = loss + weights.mask * masked_cross_entropy(says.logit, plume, asked)
     if weights.likelihood and says.log_variance is not None:
         loss = loss + weights.likelihood * beta_nll(error, says.log_variance)

@@ -1,14 +1,15 @@
-"""Training samples in memory; batch i follows from the seed and i alone."""
+"""Training samples in memory."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from detect.learning.augmentation import augment
-from detect.learning.config import PoolConfig, Stage, TrainConfig
+from detect.learning.config import PoolConfig, TrainConfig
+from detect.registered.lessons import KINDS, Lesson, lesson_path, lesson_paths
 from detect.synthesis.dataset import Half, shards_in
 from detect.synthesis.recipe import SAMPLE_FAMILIES
 from geometry.arrays import BoolArray, FloatMap
@@ -24,20 +25,30 @@ class Pool:
         displacements: (N, H, W, 2) float16, px.
         families: (N,) index into `family_names`.
         family_names: What kinds of sample there are.
+        own_limits_px: (N, 2) above which |w| a pixel is plume and below which it is none, where
+            samples say so themselves.
     """
 
     images: NDArray[np.uint8] | Half
     displacements: Half
     families: NDArray[np.uint8]
     family_names: tuple[str, ...]
+    own_limits_px: FloatMap | None = None
 
     @classmethod
     def load(cls, config: PoolConfig) -> Self:
-        """The samples of a rendered folder.
+        """The samples of a rendered folder, or the frames of its lessons.
+
+        A sample of 128 px takes 82 kB, a lesson of 8 frames of 320 x 240 px 19 MB.
 
         Raises:
-            BadInputError: The folder holds no samples, too few, or a broken shard.
+            BadInputError: The folder holds no samples, too few, or a broken file.
         """
+        if config.seeds is not None:
+            paths = [lesson_path(config.folder, seed) for seed in config.all_seeds()]
+            return cls._of_lessons(paths)
+        if paths := lesson_paths(config.folder):
+            return cls._of_lessons(paths)
         shards = []
         for shard in shards_in(config.folder):
             shards.append(shard)
@@ -54,8 +65,40 @@ class Pool:
             family_names=SAMPLE_FAMILIES,
         )
 
+    @classmethod
+    def _of_lessons(cls, paths: Sequence[Path]) -> Self:
+        lessons = [Lesson.load(path) for path in paths]
+        sizes = {lesson.inputs.shape[1:] for lesson in lessons}
+        if len(sizes) > 1:
+            raise BadInputError(f"{paths[0].parent}: lessons of several sizes; make pools of them")
+        counts = [len(lesson) for lesson in lessons]
+        kinds = [lesson.kind for lesson in lessons]
+        limits_px = np.array([lesson.limits_px for lesson in lessons], np.float32)
+        inputs = np.empty((sum(counts), *sizes.pop()), np.float16)
+        displacements = np.empty((len(inputs), *inputs.shape[2:], 2), np.float16)
+        end = len(inputs)
+        while lessons:  # freed one by one, so that memory holds them once
+            lesson = lessons.pop()
+            rows = slice(end - len(lesson), end)
+            inputs[rows], displacements[rows] = lesson.inputs, lesson.visible_displacements()
+            end = rows.start
+        return cls(
+            images=np.moveaxis(inputs, 1, -1),
+            displacements=displacements,
+            families=np.repeat(kinds, counts).astype(np.uint8),
+            family_names=KINDS,
+            own_limits_px=np.repeat(limits_px, counts, axis=0),
+        )
+
     def __len__(self) -> int:
         return len(self.images)
+
+    def limits_px(self, indices: ArrayLike, config: TrainConfig) -> FloatMap:
+        """(M, 2) of samples: |w| above the first is plume, below the second none."""
+        if self.own_limits_px is not None:
+            return np.asarray(self.own_limits_px[np.asarray(indices)])
+        limits_px = (config.positive_px, config.negative_px)
+        return np.full((np.size(indices), 2), limits_px, np.float32)
 
     def groups(
         self, families: Mapping[str, float] | None, among: BoolArray
@@ -90,68 +133,12 @@ class Pool:
         return self.family_names.index(family) if family in self.family_names else -1
 
 
-@dataclass(frozen=True, kw_only=True)
-class Batch:
-    """What one step sees.
-
-    Attributes:
-        image: (N, C, H, W).
-        displacement: (N, 2, H, W) px.
-    """
-
-    image: FloatMap
-    displacement: FloatMap
-
-
-class Batches:
-    """The batches of one stage."""
-
-    def __init__(self, config: TrainConfig, stage: Stage, pools: Mapping[str, Pool]) -> None:
-        self._config = config
-        self._pools = [pools[name] for name in stage.pools]
-        weights = np.array(list(stage.pools.values()))
-        self._weights = weights / weights.sum()
-        self._augmentation = stage.augmentation or config.augmentation
-        self._groups = [
-            pool.groups(stage.families, pool.reaching(stage.least_px)) for pool in self._pools
-        ]
-
-    def __getitem__(self, step: int) -> Batch:
-        """The batch of a step of the whole training."""
-        random = np.random.default_rng((self._config.seed, step))
-        pairs = [self._draw(random) for _ in range(self._config.batch)]
-        return Batch(
-            image=np.stack([image for image, _ in pairs]),
-            displacement=np.stack([displacement for _, displacement in pairs]),
-        )
-
-    def _draw(self, random: np.random.Generator) -> tuple[FloatMap, FloatMap]:
-        which = random.choice(len(self._pools), p=self._weights)
-        pool, (groups, weights) = self._pools[which], self._groups[which]
-        group = groups[random.choice(len(groups), p=weights)]
-        index = group[random.integers(len(group))]
-        window = self._window(pool, random)
-        image = as_input(pool.images[index][window])
-        displacement = _planes_first(pool.displacements[index][window])
-        family = pool.family_names[pool.families[index]]
-        return augment(image, displacement, family, self._augmentation, random)
-
-    def _window(self, pool: Pool, random: np.random.Generator) -> tuple[slice, slice]:
-        height, width = pool.displacements.shape[1:3]
-        side = self._config.crop_px
-        if side is None:
-            return slice(None), slice(None)
-        if side > min(height, width):
-            raise BadInputError(f"crop_px: {side} is more than the samples' {width} x {height} px")
-        y, x = random.integers(height - side + 1), random.integers(width - side + 1)
-        return slice(y, y + side), slice(x, x + side)
-
-
 def as_input(image: np.ndarray) -> FloatMap:
     """(..., H, W, C) of a pool as (..., C, H, W) for a network; grey levels become [0, 1]."""
-    planes = _planes_first(image)
+    planes = planes_first(image)
     return planes / np.float32(255) if image.dtype == np.uint8 else planes
 
 
-def _planes_first(array: np.ndarray) -> FloatMap:
+def planes_first(array: np.ndarray) -> FloatMap:
+    """(..., H, W, C) as (..., C, H, W) float32."""
     return np.ascontiguousarray(np.moveaxis(array, -1, -3), dtype=np.float32)

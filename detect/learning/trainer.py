@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from detect.learning import losses
+from detect.learning.batches import Batch, Batches
 from detect.learning.checkpoint import (
     load_weights,
     note,
@@ -22,7 +23,7 @@ from detect.learning.checkpoint import (
 )
 from detect.learning.config import Stage, TrainConfig
 from detect.learning.networks import Prediction, build
-from detect.learning.pools import Batch, Batches, Pool
+from detect.learning.pools import Pool
 from detect.learning.validation import Score, validate
 from geometry.errors import BadInputError
 
@@ -151,13 +152,8 @@ class Training:
         self.network.train()
         image = torch.from_numpy(batch.image).to(self.device, memory_format=torch.channels_last)
         truth = torch.from_numpy(batch.displacement).to(self.device)
-        loss = losses.total(
-            self._predict(image),
-            truth,
-            stage.losses,
-            positive_px=self.config.positive_px,
-            negative_px=self.config.negative_px,
-        )
+        limits_px = torch.from_numpy(batch.limits_px).to(self.device)
+        loss = losses.total(self._predict(image), truth, stage.losses, limits_px)
         self.optimiser.zero_grad()
         torch.autograd.backward(loss)
         self.optimiser.step()

@@ -44,26 +44,28 @@ def validate(predict: Predict, pool: Pool, config: TrainConfig) -> dict[str, Sco
         some = chosen[start : start + BATCH]
         says = predict(as_input(pool.images[some]))
         truth = np.moveaxis(pool.displacements[some], -1, 1).astype(np.float32)
+        limits_px = pool.limits_px(some, config)
         for k, family in enumerate(pool.families[some]):
             one = {name: map_[k] for name, map_ in says.items()}
-            columns.setdefault(int(family), []).append(_thinned(one, truth[k]))
+            columns.setdefault(int(family), []).append(_thinned(one, truth[k], limits_px[k]))
     return {
-        pool.family_names[family]: _score(np.concatenate(parts, axis=1), config)
+        pool.family_names[family]: _score(np.concatenate(parts, axis=1))
         for family, parts in sorted(columns.items())
     }
 
 
-def _thinned(says: dict[str, np.ndarray], truth: np.ndarray) -> np.ndarray:
-    """(3, N): score, size of the truth, size of the error, for some of the pixels."""
+def _thinned(says: dict[str, np.ndarray], truth: np.ndarray, limits_px: np.ndarray) -> np.ndarray:
+    """(5, N): score, size of the truth and of the error, plume, none, for some of the pixels."""
     answer = says["displacement"]
     score = says["logit"][0] if "logit" in says else np.linalg.norm(answer, axis=0)
     size, error = (np.linalg.norm(vectors, axis=0) for vectors in (truth, answer - truth))
-    return np.stack([score, size, error]).reshape(3, -1)[:, ::THIN]
+    maps = [score, size, error, size > limits_px[0], size < limits_px[1]]
+    return np.stack(maps).reshape(len(maps), -1)[:, ::THIN]
 
 
-def _score(columns: np.ndarray, config: TrainConfig) -> Score:
-    score, size, error = columns
-    plume, none = size > config.positive_px, size < config.negative_px
+def _score(columns: np.ndarray) -> Score:
+    score, size, error = columns[:3]
+    plume, none = columns[3:].astype(bool)
     asked = plume | none
     return Score(
         auroc=auroc(score[asked], plume[asked]),

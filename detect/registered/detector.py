@@ -1,9 +1,14 @@
 """The detector for a moving camera in a textured, static scene."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
 from detect.detection import Detection, Frames
 from detect.evidence import displacement_evidence
+from detect.registered.features import features
+from detect.registered.learned import Reader
 from detect.registered.measure import Measurement, Neighbour, Registration
 from detect.registered.neighbours import choose_neighbours, typical_inverse_depth
 from geometry.arrays import FloatArray, FloatMap
@@ -33,13 +38,25 @@ class RegisteredDetector:
         neighbours: How many other frames to look at; more see more and take longer.
         points_in_world: (N, 3) sparse points of the scene, if known; they say how deep it is.
             Otherwise the flow says so.
+        weights: The .onnx file of a calibrated network that judges what was measured; None judges
+            by hand.
+
+    Raises:
+        BadInputError: The file is not such a network.
     """
 
-    name = "registered"
-
-    def __init__(self, *, neighbours: int = 8, points_in_world: FloatArray | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        neighbours: int = 8,
+        points_in_world: FloatArray | None = None,
+        weights: Path | None = None,
+    ) -> None:
         self._count = neighbours
         self._points_in_world = points_in_world
+        self._reader = None if weights is None else Reader(weights)
+        self._calibration = None if self._reader is None else self._reader.calibration()
+        self.name = "registered-plain" if self._reader is None else "registered"
 
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`; what looks like an error of its pose is taken out of w.
@@ -54,7 +71,18 @@ class RegisteredDetector:
         measured = self.measure(frames, index)
         if measured is None:
             return silent(frames.images[index].shape)
-        return judged(*measured)
+        return self.judge(*measured)
+
+    def judge(self, measurement: Measurement, inverse_depth_unit: float) -> Detection:
+        """The detection a measurement supports; the unit is 1 / world unit.
+
+        A network says where there is refraction; how much, the measurement itself says best.
+        """
+        by_hand = judged(measurement, inverse_depth_unit)
+        if self._reader is None or self._calibration is None:
+            return by_hand
+        opinion = self._reader.read(features(measurement, displacement_sigma(measurement)))
+        return replace(by_hand, llr=opinion.llr(self._calibration))
 
     def measure(self, frames: Frames, index: int) -> tuple[Measurement, float] | None:
         """What the neighbours of frame `index` say, and the unit of its inverse depth.
@@ -107,14 +135,17 @@ def silent(shape: tuple[int, ...]) -> Detection:
 
 
 def judged(measurement: Measurement, inverse_depth_unit: float) -> Detection:
-    """The detection a measurement supports; the unit is 1 / world unit.
+    """What `RegisteredDetector.judge` says without a network.
 
     The neighbours look through the plume too, so part of w cancels: sigma grows with w, by a
     share that was measured on simulated scenes.
     """
     sigma_px = displacement_sigma(measurement)
     llr, sigma_px = displacement_evidence(
-        measurement.displacement, sigma_px, measurement.texture, trust(measurement)
+        measurement.displacement,
+        sigma_px,
+        measurement.texture,
+        trust(measurement.visible, measurement.depth_edge_px),
     )
     size = np.linalg.norm(measurement.displacement, axis=-1)
     sigma_px = np.hypot(sigma_px, GAIN_ERROR * size)
@@ -142,8 +173,8 @@ def displacement_sigma(measurement: Measurement) -> FloatMap:
     return np.where(unseen, np.inf, sigma_px).astype(np.float32)
 
 
-def trust(measurement: Measurement) -> FloatMap:
+def trust(visible: FloatMap, depth_edge_px: FloatMap) -> FloatMap:
     """(H, W) from 0 to 1: low where few neighbours see a pixel and at depth edges."""
-    seen = np.clip(measurement.visible / ENOUGH_VISIBLE, 0, 1) ** 2
-    calm = 1 / (1 + (measurement.depth_edge_px / EDGE_HALF_PX) ** 2)
+    seen = np.clip(visible / ENOUGH_VISIBLE, 0, 1) ** 2
+    calm = 1 / (1 + (depth_edge_px / EDGE_HALF_PX) ** 2)
     return np.asarray(seen * calm, dtype=np.float32)

@@ -26,6 +26,8 @@ FEATURES: tuple[Feature, ...] = get_args(Feature)
 SMALL_PX = 0.1
 UNMEASURED_SIGMA_PX = 3.0
 NEIGHBOURS = 8.0
+LOG_UNIT = 3.0
+Plain = Literal["log_texture", "log_depth_edge", "visible"]
 
 
 def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
@@ -49,10 +51,21 @@ def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
         *np.moveaxis(np.arcsinh(w / sigma[..., None]), -1, 0),
         np.log(sigma / SMALL_PX),
         np.log((measurement.scatter_px + 1e-3) / SMALL_PX),
-        np.log1p(measurement.texture) / 3,
-        np.log1p(measurement.misfit) / 3,
+        np.log1p(measurement.texture) / LOG_UNIT,
+        np.log1p(measurement.misfit) / LOG_UNIT,
         np.log1p(measurement.depth_edge_px),
         measurement.visible / NEIGHBOURS,
         np.log1p(measurement.relative_inverse_depth),
     ]
     return np.stack(channels).astype(np.float32)
+
+
+def feature(inputs: FloatMap, name: Plain) -> FloatMap:
+    """(H, W) what a channel of (C, H, W) was made of, in the unit of `Measurement`."""
+    channel = inputs[FEATURES.index(name)].astype(np.float32)
+    plain = {
+        "log_texture": lambda: np.expm1(channel * LOG_UNIT),
+        "log_depth_edge": lambda: np.expm1(channel),
+        "visible": lambda: channel * NEIGHBOURS,
+    }
+    return np.asarray(plain[name](), dtype=np.float32)

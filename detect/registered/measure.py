@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from detect.differential import window_shift
+from detect.differential import Window
 from detect.flow import dis_matcher
 from detect.registered.separate import (
     TINY,
     Separation,
     as_complex,
+    bands,
     dot,
     pose_like_field,
     separate,
@@ -90,6 +91,7 @@ class Registration:
         self._inverse_depth = np.ones(image.shape, np.float32)
         self._smooth = blur(image.astype(np.float32), PRESMOOTHING_PX)
         self._gradients = gradients(self._smooth)
+        self._window = Window(*self._gradients, WINDOW_PX, NOISE)
         self._texture = self._texture_within(WINDOW_PX)
 
     def measure(self) -> Measurement:
@@ -103,17 +105,16 @@ class Registration:
         return blur(gx * gx + gy * gy, sigma_px)
 
     def _predict(self, neighbour: Neighbour) -> tuple[FloatMap, FloatMap]:
-        return neighbour.view.flow_and_slope(self._pixels, self._inverse_depth)
+        return neighbour.view.over_rows(self._inverse_depth)
 
     def _pose_like(self, field: FloatMap, weights: FloatMap) -> FloatMap:
         return pose_like_field(field, self._inverse_depth, weights)
 
     def _visible(self, flow: FloatMap) -> FloatMap:
         height, width = self._image.shape
-        x, y = self._pixels[..., 0] + flow[..., 0], self._pixels[..., 1] + flow[..., 1]
-        inside_x = (x > BORDER_PX) & (x < width - 1 - BORDER_PX)
-        inside_y = (y > BORDER_PX) & (y < height - 1 - BORDER_PX)
-        return np.asarray(inside_x & inside_y, dtype=np.float32)
+        most = (width - 1 - BORDER_PX, height - 1 - BORDER_PX)
+        inside = cv2.inRange(self._pixels + flow, (BORDER_PX, BORDER_PX), most)
+        return np.asarray(inside > 0, dtype=np.float32)
 
     def _step_depth(self, step: FloatMap) -> None:
         moved = np.clip(self._inverse_depth + step, 0, NEAREST)
@@ -130,14 +131,18 @@ class Registration:
         return flows
 
     def _refine_depth(self, flows: list[FloatMap]) -> None:
-        along, steepness = np.zeros((2, *self._image.shape), np.float32)
-        for flow, neighbour in zip(flows, self._neighbours, strict=False):
-            predicted, slope = self._predict(neighbour)
-            error, lever = as_complex(flow - predicted), as_complex(slope)
-            weight = self._visible(flow) / (1 + squared(error) / 4)
-            along += weight * dot(error, lever)
-            steepness += weight * squared(lever)
-        self._step_depth(along / (steepness + TINY))
+        visible = [self._visible(flow) for flow in flows]
+        step = np.empty_like(self._inverse_depth)
+        for rows in bands(len(step)):
+            along, steepness = np.zeros((2, *step[rows].shape), np.float32)
+            for flow, seen, neighbour in zip(flows, visible, self._neighbours, strict=False):
+                predicted, slope = neighbour.view.over_rows(self._inverse_depth[rows], rows.start)
+                error, lever = as_complex(flow[rows] - predicted), as_complex(slope)
+                weight = seen[rows] / (1 + squared(error) / 4)
+                along += weight * dot(error, lever)
+                steepness += weight * squared(lever)
+            step[rows] = along / (steepness + TINY)
+        self._step_depth(step)
 
     def _first_stage(self, flows: list[FloatMap]) -> tuple[list[FloatMap], FloatMap]:
         """Takes the pose error out of every neighbour and sets the depth.
@@ -178,13 +183,12 @@ class Registration:
     def _shift(self, registered: FloatMap) -> FloatMap:
         """How far the registered neighbour still is from the key frame, px."""
         difference = blur(registered, PRESMOOTHING_PX) - self._smooth
-        shift = window_shift(*self._gradients, difference, WINDOW_PX, NOISE)
-        return np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
+        return np.clip(self._window.shift(difference), -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
 
     def _robustly(self, shifts: FloatMap, slopes: FloatMap, weights: FloatMap) -> _Robust:
         for _ in range(2):
             answer = separate(shifts, slopes, weights)
-            squares = answer.squared_residuals
+            squares = answer.squared_residuals(shifts, slopes)
             variance = (weights * squares).sum(axis=0) / (weights.sum(axis=0) + TINY)
             used = weights
             weights = weights / (1 + squares / (4 * variance + 1e-4))

@@ -31,13 +31,13 @@ class Shard:
     """N samples in one file.
 
     Attributes:
-        images: (N, H, W) uint8.
+        images: (N, H, W) uint8, or (N, H, W, C) float16 channels that were measured in them.
         displacements: (N, H, W, 2) float16, px.
         masks: (N, H, W).
         families: (N,) index into `SAMPLE_FAMILIES`.
     """
 
-    images: NDArray[np.uint8]
+    images: NDArray[np.uint8] | Half
     displacements: Half
     masks: BoolArray
     families: NDArray[np.uint8]
@@ -83,11 +83,11 @@ class Shard:
             BadInputError: The file is missing or broken.
         """
         with open_arrays(path, "a shard of samples") as file:
-            images = file["images"]
-            masks = np.unpackbits(file["masks"], axis=-1, count=images.shape[-1])
+            displacements = file["displacements"]
+            masks = np.unpackbits(file["masks"], axis=-1, count=displacements.shape[-2])
             return cls(
-                images=images,
-                displacements=file["displacements"],
+                images=file["images"],
+                displacements=displacements,
                 masks=masks.astype(bool),
                 families=file["families"],
             )

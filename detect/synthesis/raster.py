@@ -107,7 +107,12 @@ def photos_in(folder: Path, split: Split) -> tuple[Path, ...]:
 
 
 @lru_cache(maxsize=512)
-def _read_photo(path: Path) -> GreyImage:
+def read_photo(path: Path) -> GreyImage:
+    """A photo in grey.
+
+    Raises:
+        BadInputError: It cannot be read, or is tiny.
+    """
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None or min(image.shape) < LEAST_SIDE_PX:
         raise BadInputError(f"{path}: not a readable photo of {LEAST_SIDE_PX} px or more")
@@ -120,7 +125,7 @@ def photo(rng: np.random.Generator, side: int, path: Path) -> FloatMap:
     Raises:
         BadInputError: The photo cannot be read.
     """
-    image = _read_photo(path)
+    image = read_photo(path)
     most = min(min(image.shape) / side, FINEST_ZOOM)
     crop = round(side * rng.uniform(0.6, 1) * most)
     y, x = (int(rng.integers(0, n - crop + 1)) for n in image.shape)

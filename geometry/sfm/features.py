@@ -20,6 +20,7 @@ SEED = 0
 THREADS = 1
 CHUNK = 10
 SEQUENTIAL_OCTAVES = 10
+FEWEST_TRIALS = 20  # of RANSAC; its confidence asks for more where matches are poor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +97,7 @@ def match(database: Path, *, sequential: bool) -> None:
     matching.num_threads = THREADS
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = SEED
+    verification.ransac.min_num_trials = FEWEST_TRIALS
     if not sequential:
         pycolmap.match_exhaustive(database, matching, verification_options=verification)
         return

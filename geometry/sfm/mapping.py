@@ -9,7 +9,8 @@ from geometry.sfm.covariance import residual_sigma_px
 from geometry.sfm.features import SEED, THREADS
 
 MIN_MODEL_IMAGES = 3
-TRACKS_PER_VIEW = 200
+TRACKS_PER_VIEW = 100
+ROUGH_TOLERANCE = 1e-3  # of the cost; the last adjustment follows
 
 
 def map_globally(
@@ -24,6 +25,7 @@ def map_globally(
     options.mapper.global_positioning.use_gpu = False
     adjustment = options.mapper.bundle_adjustment
     adjustment.ceres.use_gpu = False
+    adjustment.ceres.solver_options.function_tolerance = ROUGH_TOLERANCE
     adjustment.refine_focal_length = refine_camera
     adjustment.refine_extra_params = refine_camera
     output.mkdir(parents=True, exist_ok=True)

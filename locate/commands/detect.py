@@ -8,7 +8,7 @@ import typer
 from locate.commands.console import Output, Weights, err, out
 from locate.journal import interruptible, progress_bars
 
-Name = Literal["dybs", "bos", "registered"]
+Name = Literal["dybs", "bos", "registered", "registered-plain"]
 
 
 def detect(

@@ -50,7 +50,7 @@ def bag(
     """Play a robot's recording into the locator: map.json, and plumes/plumes.mcap for a viewer."""
     from locate.export.table import map_table
     from locate.robot.bags import Topics, locate_in_bag
-    from locate.robot.feeder import Wiring
+    from locate.robot.wiring import Wiring
 
     with progress_bars(err) as report:
         plume_map = locate_in_bag(
@@ -61,3 +61,46 @@ def bag(
             report=report,
         )
     out.print(map_table(plume_map))
+
+
+@robot.command()
+def dds(
+    image_topic: Annotated[
+        str, typer.Option(help="Of the images; compressed ones end with /compressed.")
+    ] = "/image",
+    info_topic: Annotated[
+        str, typer.Option(help="Of the camera_info; else the one beside the images.")
+    ] = "",
+    pose_topic: Annotated[
+        str | None, typer.Option(help="Odometry, or with --pose a pose; else TF.")
+    ] = None,
+    pose: Annotated[
+        bool, typer.Option("--pose", help="The pose topic is PoseWithCovarianceStamped.")
+    ] = False,
+    world_frame: Annotated[str, typer.Option(help="Frame of the map, Z up.")] = "map",
+    body_frame: Annotated[
+        str, typer.Option(help="Frame that the pose is of; else the odometry's child frame.")
+    ] = "",
+    rectified: Annotated[
+        bool, typer.Option("--rectified", help="The images are rectified already.")
+    ] = False,
+    domain: Annotated[int, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the robot.")] = 0,
+) -> None:
+    """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""
+    from locate.robot.dds import DdsNode, TopicNames
+    from locate.robot.wire import Wire
+    from locate.robot.wiring import PoseSource, Wiring
+
+    source: PoseSource = "tf" if pose_topic is None else "pose" if pose else "odometry"
+    wiring = Wiring(
+        world_frame=world_frame, body_frame=body_frame, pose_source=source, rectified=rectified
+    )
+    names = TopicNames(image=image_topic, camera_info=info_topic, pose=pose_topic or "")
+    node = DdsNode(Wire(domain), wiring, names)
+    try:
+        while True:
+            node.spin_once()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        node.close()

@@ -11,7 +11,9 @@ from locate.journal import interruptible, journal, progress_bars, silent
 
 
 def run(
-    recording: Annotated[Path, typer.Argument(help="A video file or a folder of photos.")],
+    recording: Annotated[
+        Path, typer.Argument(help="A video, a folder of photos, or a bag: .mcap, .db3, .bag.")
+    ],
     output: Output,
     detector: Annotated[
         DetectorName, typer.Option(help="How refraction is seen; auto looks at the motion.")
@@ -35,6 +37,23 @@ def run(
         float | None,
         typer.Option(min=1e-3, help="Height of the camera above the ground in m; sets the scale."),
     ] = None,
+    board: Annotated[
+        str | None,
+        typer.Option(help="Marker board in the scene, DICTIONARY:SIZE[:COLUMNSxROWS[:GAP]], m."),
+    ] = None,
+    distance: Annotated[
+        Path | None,
+        typer.Option(help="A JSON file with the distance of two clicked points, see docs."),
+    ] = None,
+    image_topic: Annotated[
+        str | None, typer.Option(help="Of a bag: its images, where it has several.")
+    ] = None,
+    pose_topic: Annotated[
+        str | None, typer.Option(help="Of a bag: odometry or a pose; else TF if it is there.")
+    ] = None,
+    world_frame: Annotated[
+        str | None, typer.Option(help="Of a bag's TF: the frame of the map, Z up; else map.")
+    ] = None,
     max_frames: Annotated[int, typer.Option(min=2, help="The most frames to use.")] = 120,
     force: Annotated[bool, typer.Option("--force", help="Do every stage again.")] = False,
     verbose: Verbose = False,
@@ -49,6 +68,11 @@ def run(
         focal_px=focal,
         telemetry=telemetry,
         camera_height_m=camera_height,
+        board=board,
+        distance=distance,
+        image_topic=image_topic,
+        pose_topic=pose_topic,
+        world_frame=world_frame,
         max_frames=max_frames,
     )
     _run(config, output, force=force, verbose=verbose)

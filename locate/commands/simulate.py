@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
 from locate.journal import progress_bars
 
@@ -17,18 +18,22 @@ def simulate(
         typer.Option(help="Render the plume onto this posed photo set instead of a made scene."),
     ] = None,
 ) -> None:
-    """Render a video of a scene with plumes, with its ground truth."""
-    from locate.simulation import Scene, render_onto
+    """Render a video of a scene with plumes, or all flights of a campaign, with the truth."""
+    from locate.simulation import Campaign, Scene, is_campaign, render_onto, simulate_campaign
     from locate.simulation import simulate as render
 
-    loaded = Scene.load(scene)
+    campaign = Campaign.load(scene) if is_campaign(scene) else None
+    if campaign is not None and onto is not None:
+        raise BadInputError(f"{scene}: a campaign cannot be rendered --onto photos")
     with progress_bars(err) as report:
 
         def progress(done: int, total: int) -> None:
             report("rendering", done / total)
 
-        if onto is None:
-            render(loaded, output, progress=progress)
+        if campaign is not None:
+            simulate_campaign(campaign, output, progress=progress)
+        elif onto is None:
+            render(Scene.load(scene), output, progress=progress)
         else:
-            render_onto(loaded, onto, output, progress=progress)
+            render_onto(Scene.load(scene), onto, output, progress=progress)
     out.print(f"Truth: {output / 'truth.json'}", soft_wrap=True)

@@ -1,16 +1,32 @@
 """`locate train`."""
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import detect
+from detect.synthesis.raster import photos_in
+from detect.synthesis.split import Split
+from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
 from locate.journal import interruptible, progress_bars
 
+if TYPE_CHECKING:
+    from detect.learning.config import TrainConfig
+
+Report = Callable[[str, float], None]
+
 
 def train(
-    config: Annotated[Path, typer.Argument(help="A training config, see detect/dybs/training.")],
+    config: Annotated[
+        Path,
+        typer.Argument(help="A shipped training (registered, lite-fast, lite, paper) or a config."),
+    ],
     output: Output,
     data: Annotated[
         Path | None,
@@ -21,20 +37,79 @@ def train(
     """Train a network; the same command goes on where a killed one stood."""
     from detect.learning.config import TrainConfig
 
-    loaded = TrainConfig.load(config, data)
+    path = config_path(config)
+    loaded = TrainConfig.load(path, data)
     try:
         from detect.learning.export import publish
         from detect.learning.plot import plot_training
         from detect.learning.render import render_missing
         from detect.learning.trainer import train as run
     except ModuleNotFoundError as error:
-        from geometry.errors import BadInputError
-
         raise BadInputError("torch is missing; pip install 'plume-locate[train]'") from error
 
     with interruptible(), progress_bars(err) as report:
-        render_missing(loaded, data or config.parent, report=report, processes=processes)
+        render_missing(loaded, data or path.parent, report=report, processes=processes)
+        measure_missing(loaded, report=report)
+        render_missing_lessons(loaded, report=report, processes=processes)
         run(loaded, output, report=report)
     files = [*publish(loaded, output), plot_training(output, output / "training.png")]
     for file in files:
         out.print(f"Wrote {file}", soft_wrap=True)
+
+
+def config_path(config: Path) -> Path:
+    """The file, or the shipped config of that name."""
+    if config.suffix or config.exists():
+        return config
+    shipped = {
+        path.stem.replace("_", "-"): path
+        for path in Path(detect.__file__).parent.glob("*/training/*.yaml")
+    }
+    if config.name not in shipped:
+        raise BadInputError(f"{config}: neither a file nor one of {', '.join(sorted(shipped))}")
+    return shipped[config.name]
+
+
+def measure_missing(config: "TrainConfig", *, report: Report) -> None:
+    """Measures the waves and edges of rendered samples where it is not done; 10 ms a sample."""
+    from detect.dybs.measure import measure_samples
+
+    for name, pool in config.pools.items():
+        if pool.measured is not None:
+            for share in measure_samples(pool.measured, pool.folder, pool.samples):
+                report(f"measured: {name}", share)
+
+
+def render_missing_lessons(config: "TrainConfig", *, report: Report, processes: int = 1) -> None:
+    """Renders the lessons of a training that are not there yet; some 20 s of CPU each.
+
+    Raises:
+        BadInputError: There are no photos of the split where lessons are made of photos.
+    """
+    from detect.registered.lessons import lesson_path
+
+    for name, pool in config.pools.items():
+        seeds = [seed for seed in pool.all_seeds() if not lesson_path(pool.folder, seed).exists()]
+        if not seeds:
+            continue
+        pool.folder.mkdir(parents=True, exist_ok=True)
+        split: Split = "validation" if name == config.validation else "train"
+        photos = None if pool.photos is None else photos_in(pool.photos, split)
+        render = partial(_render_lesson, pool.folder, photos)
+        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
+            for done, _ in enumerate(workers.map(render, seeds), 1):
+                report(f"lessons: {name}", done / len(seeds))
+
+
+def _render_lesson(folder: Path, photos: Sequence[Path] | None, seed: int) -> None:
+    import cv2
+
+    from detect.registered.lessons import lesson_path
+    from locate.simulation.lessons import make_lesson
+    from locate.simulation.make_lessons import write_photo_lessons
+
+    cv2.setNumThreads(1)
+    if photos is None:
+        make_lesson(seed).save(lesson_path(folder, seed))
+    else:
+        write_photo_lessons(photos, [seed], folder)

@@ -1,6 +1,7 @@
 """The sources on a map of the Earth: GeoJSON, RFC 7946."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,12 @@ def feature_collection(plume_map: PlumeMap) -> dict[str, Any]:
     Raises:
         ValueError: The map is not georeferenced.
     """
-    plumes = located(plume_map)
-    features = [_source(plume) for plume in plumes] + [_ellipse(plume) for plume in plumes]
+    return collection_of(located(plume_map))
+
+
+def collection_of(places: Sequence[LocatedPlume]) -> dict[str, Any]:
+    """Likewise of places by themselves."""
+    features = [_source(place) for place in places] + [_ellipse(place) for place in places]
     return {"type": "FeatureCollection", "features": features}
 
 

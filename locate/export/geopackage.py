@@ -2,8 +2,8 @@
 
 import sqlite3
 import struct
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from locate.plume import PlumeMap
 APPLICATION_ID = 0x47504B47
 USER_VERSION = 10300
 WGS84_2D = 4326
-POINT_Z, POLYGON = 1001, 3
+POINT_Z, LINE, POLYGON = 1001, 2, 3
 SQL_TYPES = {bool: "BOOLEAN", int: "INTEGER", float: "REAL", str: "TEXT"}
 
 TABLES = """
@@ -56,35 +56,41 @@ def write_geopackage(path: Path, plume_map: PlumeMap) -> None:
         ValueError: The map is not georeferenced.
     """
     plumes = located(plume_map)
-    datum = georeference_of(plume_map).datum
+    with new_geopackage(path) as file:
+        points_srs = add_reference_systems(file, georeference_of(plume_map).datum)
+        positions = np.reshape([(p.lon_deg, p.lat_deg, p.height_m) for p in plumes], (-1, 3))
+        add_layer(
+            file,
+            "plumes",
+            ("POINT", points_srs, 1),
+            [p.properties() for p in plumes],
+            [point_blob(points_srs, place) for place in positions],
+            positions[:, :2],
+        )
+        rings = [p.ellipse_lon_lat for p in plumes]
+        add_layer(
+            file,
+            "plume_uncertainty",
+            ("POLYGON", WGS84_2D, 0),
+            [{"plume": p.plume.id, "confidence": CONFIDENCE} for p in plumes],
+            [polygon_blob(ring) for ring in rings],
+            np.concatenate([np.zeros((0, 2)), *rings]),
+        )
+
+
+@contextmanager
+def new_geopackage(path: Path) -> Iterator[sqlite3.Connection]:
+    """An empty file in place of what stood at `path`; closed, and written if nothing was raised."""
     path.unlink(missing_ok=True)
     with closing(sqlite3.connect(path)) as file, file:
         file.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         file.execute(f"PRAGMA user_version = {USER_VERSION}")
         file.executescript(TABLES)
         file.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?,?,?,?,?,?)", UNDEFINED)
-        points_srs = _add_reference_systems(file, datum)
-        positions = np.reshape([(p.lon_deg, p.lat_deg, p.height_m) for p in plumes], (-1, 3))
-        _add_layer(
-            file,
-            "plumes",
-            ("POINT", points_srs, 1),
-            [p.properties() for p in plumes],
-            [_blob(points_srs, struct.pack("<I3d", POINT_Z, *place)) for place in positions],
-            positions[:, :2],
-        )
-        rings = [p.ellipse_lon_lat for p in plumes]
-        _add_layer(
-            file,
-            "plume_uncertainty",
-            ("POLYGON", WGS84_2D, 0),
-            [{"plume": p.plume.id, "confidence": CONFIDENCE} for p in plumes],
-            [_blob(WGS84_2D, _polygon(ring)) for ring in rings],
-            np.concatenate([np.zeros((0, 2)), *rings]),
-        )
+        yield file
 
 
-def _add_reference_systems(file: sqlite3.Connection, datum: HeightDatum) -> int:
+def add_reference_systems(file: sqlite3.Connection, datum: HeightDatum) -> int:
     """WGS84, and the three-dimensional system of the heights; returns the id of the latter."""
     from pyproj import CRS
 
@@ -100,7 +106,7 @@ def _add_reference_systems(file: sqlite3.Connection, datum: HeightDatum) -> int:
     return codes[1]
 
 
-def _add_layer(
+def add_layer(
     file: sqlite3.Connection,
     table: str,
     geometry: tuple[str, int, int],
@@ -108,6 +114,16 @@ def _add_layer(
     blobs: Sequence[bytes],
     corners_lon_lat: FloatArray,
 ) -> None:
+    """Adds a table of features.
+
+    Args:
+        file: From `new_geopackage`.
+        table: Its name.
+        geometry: Kind of geometry, id of its reference system, 1 if it has heights or 0.
+        rows: The fields of each feature, all with the same names; NaN becomes NULL.
+        blobs: The geometry of each.
+        corners_lon_lat: (N, 2) of all of them, for the extent.
+    """
     kind, srs, z = geometry
     columns = {} if not rows else {name: SQL_TYPES[type(v)] for name, v in rows[0].items()}
     typed = "".join(f', "{name}" {sql}' for name, sql in columns.items())
@@ -132,11 +148,26 @@ def _add_layer(
         file.execute(f'INSERT INTO "{table}" (geom{names}) VALUES ({marks})', (blob, *row.values()))
 
 
+def point_blob(srs: int, lon_lat_height: FloatArray) -> bytes:
+    """A point with a height."""
+    return _blob(srs, struct.pack("<I3d", POINT_Z, *lon_lat_height))
+
+
+def line_blob(lon_lat: FloatArray) -> bytes:
+    """A line through (N, 2) places, WGS84."""
+    return _blob(WGS84_2D, struct.pack("<II", LINE, len(lon_lat)) + _corners(lon_lat))
+
+
+def polygon_blob(ring_lon_lat: FloatArray) -> bytes:
+    """A polygon of one closed (N, 2) ring, WGS84."""
+    head = struct.pack("<III", POLYGON, 1, len(ring_lon_lat))
+    return _blob(WGS84_2D, head + _corners(ring_lon_lat))
+
+
 def _blob(srs: int, body: bytes) -> bytes:
     """The GeoPackage header (little endian, no envelope) and well-known binary."""
     return b"GP" + struct.pack("<BBi", 0, 1, srs) + b"\x01" + body
 
 
-def _polygon(ring_lon_lat: FloatArray) -> bytes:
-    corners = np.ascontiguousarray(ring_lon_lat, dtype="<f8").tobytes()
-    return struct.pack("<III", POLYGON, 1, len(ring_lon_lat)) + corners
+def _corners(lon_lat: FloatArray) -> bytes:
+    return np.ascontiguousarray(lon_lat, dtype="<f8").tobytes()

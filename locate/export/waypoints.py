@@ -4,6 +4,7 @@ Both count heights from mean sea level. Where the map's heights cannot be turned
 written as such; the text beside the point gives it with its datum.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -21,7 +22,12 @@ def write_cup(path: Path, plume_map: PlumeMap) -> None:
     Raises:
         ValueError: The map is not georeferenced.
     """
-    lines = [CUP_FIELDS, *(_cup_line(one) for one in located(plume_map)), ""]
+    write_cup_places(path, located(plume_map))
+
+
+def write_cup_places(path: Path, places: Sequence[LocatedPlume]) -> None:
+    """Likewise of places by themselves."""
+    lines = [CUP_FIELDS, *(_cup_line(one) for one in places), ""]
     path.write_text("\r\n".join(lines), encoding="utf-8", newline="")
 
 
@@ -31,8 +37,13 @@ def write_gpx(path: Path, plume_map: PlumeMap) -> None:
     Raises:
         ValueError: The map is not georeferenced.
     """
+    write_gpx_places(path, located(plume_map))
+
+
+def write_gpx_places(path: Path, places: Sequence[LocatedPlume]) -> None:
+    """Likewise of places by themselves."""
     root = ElementTree.Element("gpx", version="1.1", creator="plume-locate", xmlns=GPX_NAMESPACE)
-    for one in located(plume_map):
+    for one in places:
         point = ElementTree.SubElement(
             root, "wpt", lat=f"{one.lat_deg:.9f}", lon=f"{one.lon_deg:.9f}"
         )

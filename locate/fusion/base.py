@@ -3,7 +3,8 @@
 Displacement grows with the distance from plume to background, so it fades where the ground is
 close behind the base: the lowest evidence lies above the source. The source is therefore sought
 between that end and the surface which the axis meets below it, with what the evidence says
-against every height in between.
+against every height in between. Where something nearer covers the axis first, the surface is not
+seen, and every height down to the lowest background is as likely.
 """
 
 from dataclasses import dataclass
@@ -12,17 +13,19 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import lever
-from locate.fusion.column import HEIGHT, score, slabs, spine
+from locate.fusion.column import HEIGHT, Z, score, slabs, spine
 from locate.fusion.views import Views
 
 STEP_UNITS = 0.02
 REACH_BELOW_UNITS = 3.0
 CONTACT_LEVER = 0.02
-OCCLUDER_LEVER = -0.12
+OCCLUDER_LEVER = -0.06
+EDGE_STEPS = 2
+COVER_EDGE_UNITS = 0.1
 FEWEST_CONTACTS = 2
 MEDIAN_SPREAD = 1.2533  # of a median against a mean, for normal errors
 INDEPENDENT_VIEWS = 0.5
-SURFACE_PRIOR = 0.8
+SURFACE_PRIOR = 0.9
 LOOK_CORRELATION = 0.3
 
 
@@ -52,8 +55,7 @@ class Contact:
     Attributes:
         height: Above the column's lowest point, along world Z.
         sigma: Its standard deviation.
-        found: It touches a surface there; otherwise this is only where something covers it, or
-            the end of the search.
+        found: It touches a surface there; otherwise this is only the lowest height it could.
         hidden: Something nearer covers it in most views.
     """
 
@@ -70,8 +72,6 @@ def locate_base(views: Views, column: FloatArray, unit: float) -> Base:
     evidence = score(views, slabs(column, heights, step), along=1).sum(axis=0)
     low, high = _seen_interval(heights, evidence)
     contact = find_contact(views, column, heights[heights <= (low + high) / 2], step)
-    if contact is None:
-        contact = Contact(height=heights[0], sigma=step, found=False, hidden=False)
     inside = (heights >= contact.height) & (heights <= (low + high) / 2)
     candidates = np.concatenate([[contact.height], heights[inside]])
     above = np.cumsum(evidence[::-1])[::-1] * LOOK_CORRELATION
@@ -83,7 +83,7 @@ def locate_base(views: Views, column: FloatArray, unit: float) -> Base:
     weight /= weight.sum()
     mean = float(weight @ candidates)
     variance = float(weight @ (candidates - mean) ** 2)
-    variance += float(weight[0]) * contact.sigma**2 + step**2 / 12
+    variance += float(weight[0]) * contact.sigma**2 + float(weight[1:].sum()) * step**2 / 12
     return Base(
         height=mean,
         sigma=float(np.sqrt(variance)),
@@ -102,15 +102,14 @@ def _seen_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float, fl
     return float(heights[first]), float(heights[last])
 
 
-def find_contact(
-    views: Views, column: FloatArray, heights: FloatArray, step: float
-) -> Contact | None:
-    """Where the axis, followed downwards, meets a surface; None where it meets none.
+def find_contact(views: Views, column: FloatArray, heights: FloatArray, step: float) -> Contact:
+    """Where the axis, followed downwards, meets a surface, or the lowest height where it may.
 
     A view in which the lever falls to nearly zero sees the axis touch the surface, where a
     straight line through the last two levers is zero; nearly, for an axis that stands a little
-    too near must not miss a pipe. A view in which the lever jumps far below zero sees something
-    nearer that covers the axis.
+    too near must not miss a pipe. A view in which the lever jumps to well below zero sees something
+    nearer that covers the axis. Where most do, only views that look past it can see a touch: what
+    seems one at the height of its edge is a mixture of depths.
 
     Args:
         views: The evidence with the inverse depth of the background.
@@ -131,18 +130,31 @@ def find_contact(
         if not np.isfinite(above):
             continue
         crossing = float(heights[j] - step * below / (above - below))
-        (covers if below < OCCLUDER_LEVER else contacts).append(crossing)
-    found = len(contacts) >= FEWEST_CONTACTS
-    crossings = np.array(contacts if found else covers)
-    if not len(crossings):
-        return None
+        (covers if _edge_lever(levers, j) < OCCLUDER_LEVER else contacts).append(crossing)
+    hidden = len(covers) > len(contacts)
+    if hidden:
+        past_the_cover = float(np.median(covers)) - COVER_EDGE_UNITS * views.unit
+        contacts = [contact for contact in contacts if contact < past_the_cover]
+    if len(contacts) < FEWEST_CONTACTS:
+        lowest = max(heights[0], min(views.floor - column[Z], heights[-1]))
+        return Contact(height=float(lowest), sigma=step, found=False, hidden=hidden)
+    crossings = np.array(contacts)
     height = float(np.median(crossings))
     spread = float(1.4826 * np.median(np.abs(crossings - height)))
     independent = len(crossings) * INDEPENDENT_VIEWS
     sigma = MEDIAN_SPREAD * np.hypot(spread, step / np.sqrt(12)) / np.sqrt(independent)
-    return Contact(
-        height=height, sigma=float(sigma), found=found, hidden=len(covers) > len(contacts)
-    )
+    return Contact(height=height, sigma=float(sigma), found=True, hidden=hidden)
+
+
+def _edge_lever(levers: FloatArray, j: int) -> float:
+    """The lever on the surface below sample `j`, continued up to it.
+
+    Zero where that surface touches the axis, whatever its slope. The samples next to `j` are left
+    out: there the depths of two surfaces mix.
+    """
+    near, far = levers[max(j - EDGE_STEPS, 0)], levers[max(j - 2 * EDGE_STEPS, 0)]
+    continued = 2 * near - far
+    return float(continued if np.isfinite(continued) else levers[j])
 
 
 def _levers(views: Views, i: int, points: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """The whole of fusion: evidence of many views in, plumes out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,8 @@ FALSE_ALARM = 0.01
 NULL_SHARE = 0.8  # of the time that fusion takes
 REFINEMENTS = 3
 RADIUS_SAMPLES = 9
+FAR_UNITS = 1.0
+GHOST_SHARE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +62,10 @@ def fuse(
 ) -> Fused:
     """Finds the plumes that the summed evidence of all views speaks for.
 
+    A strong plume makes strong chance columns too. Once it is found and taken out, the level is
+    drawn anew for what stands far from it; a tenth of its evidence at least must speak for that,
+    as what is left of a strong plume agrees by itself.
+
     Args:
         views: The evidence.
         seed: Of every random choice.
@@ -72,30 +78,50 @@ def fuse(
     if np.isnan(unit):
         return Fused(plumes=(), grid=None, threshold_nats=np.inf)
     box = views.volume()
+    drawn = null is None
     if null is None:
         null = NullLevel.from_views(
             views, box, unit, rng, progress=lambda share: progress(NULL_SHARE * share)
         )
     proposals, grid = propose(views, box, unit, most=STARTS)
     columns = fit_columns(views, proposals.columns, unit, rng)
-    plumes: list[Plume] = []
-    left = views
-    for start in columns:
-        if null.false_alarm(evidence(left, start)) > most_false_alarm:
-            continue
-        refined = refine_axis(left, start, unit)
-        if refined is None:
-            continue
-        column, axis = refined
-        false_alarm = null.false_alarm(evidence(left, column))
-        if false_alarm > most_false_alarm:
-            continue
-        plumes.append(_plume(left, column, axis, unit, false_alarm))
-        left = without(left, column)
+    plumes, left = _take(views, columns, unit, null, most_false_alarm)
+    if plumes and drawn:
+        null = NullLevel.from_views(left, box, unit, rng, progress=lambda _share: None)
+        far = [column for column in columns if _is_far(column, plumes, unit)]
+        more, _ = _take(left, far, unit, null, most_false_alarm)
+        least_nats = GHOST_SHARE * max(plume.evidence_nats for plume in plumes)
+        plumes += [plume for plume in more if plume.evidence_nats > least_nats]
     progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
     numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
     return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=null.threshold(most_false_alarm))
+
+
+def _take(
+    views: Views, columns: Iterable[FloatArray], unit: float, null: NullLevel, most: float
+) -> tuple[list[Plume], Views]:
+    """The plumes among the columns, and the views without what those explain."""
+    plumes: list[Plume] = []
+    for start in columns:
+        if null.false_alarm(evidence(views, start)) > most:
+            continue
+        refined = refine_axis(views, start, unit)
+        if refined is None:
+            continue
+        column, axis = refined
+        false_alarm = null.false_alarm(evidence(views, column))
+        if false_alarm > most:
+            continue
+        plumes.append(_plume(views, column, axis, unit, false_alarm))
+        views = without(views, column)
+    return plumes, views
+
+
+def _is_far(column: FloatArray, plumes: list[Plume], unit: float) -> bool:
+    """No plume stands so near that what it left of its evidence could pass for this column."""
+    places = np.array([plume.source[:2] for plume in plumes])
+    return bool((np.linalg.norm(places - column[[X, Y]], axis=1) > FAR_UNITS * unit).all())
 
 
 def evidence(views: Views, column: FloatArray) -> float:

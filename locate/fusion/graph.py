@@ -17,7 +17,7 @@ from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion import column as columns
 from locate.fusion.axis import AxisSightings
-from locate.fusion.sway import design_matrix, estimate_sway
+from locate.fusion.sway import Sway, design_matrix, estimate_sway
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
 FALLBACK_RANGE_SHARE = 0.002
@@ -37,11 +37,13 @@ class AxisEstimate:
         lowest: World Z of the column's lowest point, from which heights count.
         line: (4,) world X and Y of the axis there, and their slopes per unit of height.
         covariance: (4, 4) of `line`.
+        sway: How the plume sways around it.
     """
 
     lowest: float
     line: FloatArray
     covariance: FloatArray
+    sway: Sway
 
     def at(self, height: float) -> tuple[FloatArray, FloatArray]:
         """(3,) point of the axis at `height` and its (3, 3) covariance."""
@@ -83,6 +85,7 @@ def estimate_axis(
     unit: float,
     *,
     origin: float = 0.0,
+    sway: Sway | None = None,
 ) -> AxisEstimate | None:
     """Solves for the mean axis from what all views see of it.
 
@@ -92,13 +95,14 @@ def estimate_axis(
         sightings: Of its axis.
         unit: The yardstick of fusion, world units.
         origin: Height of the source above the column's lowest point, where nothing sways.
+        sway: That of the sightings where it is known; None estimates it.
 
     Returns:
         The estimate, or None where too few views or heights were sighted.
     """
     enough = (
         len(sightings) >= FEWEST_SIGHTINGS
-        and len(np.unique(sightings.time_s)) >= FEWEST_VIEWS
+        and len(np.unique(sightings.view)) >= FEWEST_VIEWS
         and len(np.unique(sightings.height)) >= FEWEST_HEIGHTS
     )
     if not enough:
@@ -109,7 +113,8 @@ def estimate_axis(
     upright = -np.array([0, 0, *line[2:]])
     sigmas = np.array([PLACE_PRIOR_UNITS * unit] * 2 + [SLOPE_PRIOR] * 2)
     prior = (upright, np.diag(1 / sigmas**2))
-    sway = estimate_sway(sightings, origin, unit, _poses_px2(sightings, poses), prior)
+    if sway is None:
+        sway = estimate_sway(sightings, origin, unit, _poses_px2(sightings, poses), prior)
     graph = gtsam.GaussianFactorGraph()
     _add_prior(graph, A(0), upright, np.diag(sigmas**2))
     least = LEAST_SWAY_PX**2 * np.eye(len(sightings))
@@ -135,6 +140,7 @@ def estimate_axis(
         lowest=float(column[columns.Z]),
         line=line + solution.at(A(0)),
         covariance=np.asarray(covariance),
+        sway=sway,
     )
 
 

@@ -42,7 +42,7 @@ def detection_limit_px(
     if not len(columns):
         return None
     for amplitude in AMPLITUDES_PX:
-        nats = agreed(score(replace(views, llr=_expected(views, float(amplitude))), columns))
+        nats = agreed(score(replace(views, llr=expected_llr(views, float(amplitude))), columns))
         if (nats > threshold_nats).mean() >= SHARE_SEEN:
             return float(amplitude)
     return None
@@ -62,7 +62,7 @@ def _places(views: Views, unit: float, rng: np.random.Generator) -> FloatArray:
     return columns
 
 
-def _expected(views: Views, amplitude_px: float) -> FloatMap:
+def expected_llr(views: Views, amplitude_px: float) -> FloatMap:
     """(V, H, W) evidence a displacement would give where anything was measured at all."""
     measured = np.isfinite(views.sigma_px) & (views.llr != 0)
     sigma = np.where(measured, views.sigma_px, 1.0).astype(np.float32)

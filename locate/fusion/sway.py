@@ -32,14 +32,33 @@ class Sway:
     Attributes:
         covariance_px2: (N, N) of the sway, common to sightings near in time and height.
         sigma_px: (N,) of what is each sighting's own; large for outliers.
+        inflation: Of the sightings' own sigmas, outliers apart.
         rate: Posterior mean of the sway's standard deviation per unit of height.
         persistence_s: Posterior (geometric) mean of the time over which it is correlated.
     """
 
     covariance_px2: FloatArray
     sigma_px: FloatArray
+    inflation: float
     rate: float
     persistence_s: float
+
+    def again(self, sightings: AxisSightings, origin: float, unit: float) -> "Sway":
+        """The same sway as other sightings of the plume scatter by it.
+
+        Args:
+            sightings: M of the axis.
+            origin: Height of the source above the column's lowest point.
+            unit: The yardstick of fusion, world units.
+        """
+        shape = _shape(sightings, origin, unit, self.persistence_s, GROWTHS[0])
+        return Sway(
+            covariance_px2=self.rate**2 * shape,
+            sigma_px=self.inflation * sightings.sigma_px,
+            inflation=self.inflation,
+            rate=self.rate,
+            persistence_s=self.persistence_s,
+        )
 
 
 def estimate_sway(
@@ -96,14 +115,20 @@ def estimate_sway(
     return Sway(
         covariance_px2=covariance,
         sigma_px=sightings.sigma_px * np.sqrt(share @ np.square(factors) / weight),
+        inflation=float(np.sqrt(share @ np.square(factors))),
         rate=float(share @ np.array(rates)),
         persistence_s=float(np.exp(share @ np.log([t for t, _ in keys]))),
     )
 
 
 def _persistences(time_s: FloatArray) -> FloatArray:
-    """From half the time between two views, where sway is noise, to twice the whole recording."""
+    """From half the time between two views, where sway is noise, to twice the whole recording.
+
+    Views of one instant see one sway, however long it lasts.
+    """
     times = np.unique(time_s)
+    if len(times) == 1:
+        return np.ones(1)
     return np.geomspace(np.median(np.diff(times)) / 2, 2 * np.ptp(times), PERSISTENCES)
 
 

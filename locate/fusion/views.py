@@ -17,6 +17,7 @@ FUSION_WIDTH_PX = 320
 VOXELS_ALONG_LONGEST_EDGE = 96
 RANGE_TO_UNIT = 0.1
 FARTHEST_RANGES = 10
+OUTLIERS_PERCENT = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +92,11 @@ class Views:
         finite = self.inverse_depth[self.inverse_depth > 0]
         return float(RANGE_TO_UNIT / np.median(finite)) if finite.size else np.nan
 
+    @cached_property
+    def floor(self) -> float:
+        """World Z of the lowest background, outliers apart."""
+        return float(np.percentile(self.background_in_world()[:, 2], OUTLIERS_PERCENT))
+
     def background_in_world(self, step: int = 8) -> FloatArray:
         """(N, 3) points on the background, one per `step` px along each side."""
         pixels = self.trajectory.camera.pixel_grid()[::step, ::step].reshape(-1, 2)
@@ -110,8 +116,10 @@ class Views:
         """The box that holds the cameras and nearly all of the background."""
         points = self.background_in_world()
         centers = self.trajectory.centers_in_world
-        low = np.minimum(np.percentile(points, 2, axis=0), centers.min(axis=0))
-        high = np.maximum(np.percentile(points, 98, axis=0), centers.max(axis=0))
+        low = np.percentile(points, OUTLIERS_PERCENT, axis=0)
+        high = np.percentile(points, 100 - OUTLIERS_PERCENT, axis=0)
+        low = np.minimum(low, centers.min(axis=0))
+        high = np.maximum(high, centers.max(axis=0))
         return Box.around(low, high, longest=VOXELS_ALONG_LONGEST_EDGE)
 
 

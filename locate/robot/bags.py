@@ -12,9 +12,11 @@ from detect.detection import Detector
 from geometry.errors import BadInputError
 from locate.journal import Report, silent
 from locate.plume import PlumeMap
-from locate.robot.feeder import Feeder, PoseSource, Wiring
+from locate.robot.announcer import Announcer, type_of
+from locate.robot.feeder import Feeder
 from locate.robot.messages import Messages
-from locate.robot.tracks import State, Update
+from locate.robot.tracks import Update
+from locate.robot.wiring import PoseSource, Wiring
 from locate.run_folder import remove
 
 if TYPE_CHECKING:
@@ -31,7 +33,6 @@ POSES: dict[str, PoseSource] = {
     "geometry_msgs/msg/PoseStamped": "pose",
 }
 SUFFIXES = (".bag", ".mcap", ".db3")
-MARKERS, POINTS = "/locate/markers", "/locate/points"
 
 
 def is_bag(path: Path) -> bool:
@@ -97,9 +98,9 @@ def locate_in_bag(
         BadInputError: The bag cannot be read, or does not hold what is needed.
     """
     with opened(path) as reader:
-        play = _Play(reader, path, topics)
-        feeder = Feeder(play.wired(wiring), detector=detector, threaded=False)
-        news = list(play.feed(feeder, report))
+        chosen = BagTopics(reader, path, topics)
+        feeder = Feeder(chosen.wired(wiring), detector=detector, threaded=False)
+        news = list(_play(chosen, feeder, report))
         if feeder.locator is None or not feeder.locator.counts.key_frames:
             raise BadInputError(f"{path}: nothing could be looked at ({feeder.trouble()})")
         news += feeder.locator.finish()
@@ -110,20 +111,40 @@ def locate_in_bag(
     return plume_map
 
 
-class _Play:
-    """The connections of a bag that matter, and what takes their messages."""
+class BagTopics:
+    """The topics of an open bag that matter, and their messages.
 
-    def __init__(self, reader: "AnyReader", path: Path, topics: Topics) -> None:
+    Args:
+        reader: The bag.
+        path: For messages.
+        topics: Those asked for.
+        whole: False does without a camera_info or a pose where none was asked for.
+
+    Attributes:
+        image: Its images.
+        info: Its camera_info, or None.
+        pose: Its poses; ``"tf"`` for TF; None where it has none.
+
+    Raises:
+        BadInputError: One is missing, or there are several to choose from.
+    """
+
+    def __init__(
+        self, reader: "AnyReader", path: Path, topics: Topics, *, whole: bool = True
+    ) -> None:
         self._reader = reader
         self._path = path
-        self._image = self._only(topics.image, IMAGES, "--image-topic")
-        beside = self._image.rsplit("/", 1)[0] + "/camera_info"
+        self._whole = whole
+        self.image = self._only(topics.image, IMAGES, "--image-topic")
+        beside = self.image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
         near = beside if beside in reader.topics else None
-        self._info = self._only(topics.camera_info or near, (INFO,), "--info-topic")
-        self._pose = self._pose_topic(topics.pose)
+        self.info = self._maybe(topics.camera_info or near, (INFO,), "--info-topic")
+        moving = not all(self.transforms.values())
+        by_tf = topics.pose == "tf" or (topics.pose is None and moving)
+        self.pose = "tf" if by_tf else self._maybe(topics.pose, tuple(POSES), "--pose-topic")
 
     def _only(self, wanted: str | None, kinds: tuple[str, ...], option: str) -> str:
-        fitting = sorted({c.topic for c in self._reader.connections if c.msgtype in kinds})
+        fitting = self._fitting(kinds)
         if wanted is not None and wanted in fitting:
             return wanted
         if wanted is None and len(fitting) == 1:
@@ -132,64 +153,80 @@ class _Play:
         asked = "" if wanted is None else f" {wanted}"
         raise BadInputError(f"{self._path}: {option}{asked}: {what}")
 
-    def _pose_topic(self, wanted: str | None) -> str:
-        has_tf = any(c.msgtype in (TF, OLD_TF) for c in self._reader.connections)
-        if has_tf and wanted in (None, "tf"):
-            return "tf"
-        return self._only(wanted, tuple(POSES), "--pose-topic")
+    def _maybe(self, wanted: str | None, kinds: tuple[str, ...], option: str) -> str | None:
+        if not self._whole and wanted is None and not self._fitting(kinds):
+            return None
+        return self._only(wanted, kinds, option)
+
+    def _fitting(self, kinds: tuple[str, ...]) -> list[str]:
+        return sorted({c.topic for c in self._reader.connections if c.msgtype in kinds})
 
     def wired(self, wiring: Wiring) -> Wiring:
         """The wiring with the pose source that the topic means."""
-        if self._pose == "tf":
+        if self.pose in (None, "tf"):
             return replace(wiring, pose_source="tf")
-        kind = next(c.msgtype for c in self._reader.connections if c.topic == self._pose)
+        kind = next(c.msgtype for c in self._reader.connections if c.topic == self.pose)
         return replace(wiring, pose_source=POSES[kind])
 
-    def _takers(self, feeder: Feeder) -> dict[str, Callable[[Any], None]]:
-        """By topic, what takes its messages."""
-        takers: dict[str, Callable[[Any], None]] = {
-            self._image: feeder.image,
-            self._info: feeder.info,
+    @property
+    def transforms(self) -> dict[str, bool]:
+        """The topics of TF, and whether what they say holds for ever."""
+        return {
+            c.topic: c.topic.endswith("tf_static")
+            for c in self._reader.connections
+            if c.msgtype in (TF, OLD_TF)
         }
-        for connection in self._reader.connections:
-            if connection.msgtype in (TF, OLD_TF):
-                static = connection.topic.endswith("tf_static")
-                takers[connection.topic] = feeder.static_transforms if static else feeder.transforms
-        if self._pose != "tf":
-            takers[self._pose] = feeder.body_pose
-        return takers
 
-    def _decoded(self, feeder: Feeder, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """Topic, time (ns) and message, in order; what cannot be decoded is counted."""
+    def messages(
+        self, topics: Collection[str], refuse: Callable[[str, BadInputError], object]
+    ) -> Iterator[tuple[str, float, Any]]:
+        """Topic, share of the bag played, and message, in order.
+
+        Args:
+            topics: Which.
+            refuse: Told of messages that cannot be decoded.
+        """
         from rosbags.highlevel import AnyReaderError
 
         chosen = [c for c in self._reader.connections if c.topic in topics]
+        if not chosen:
+            return
+        start_ns, length_ns = self._reader.start_time, max(self._reader.duration, 1)
         for connection, time_ns, data in self._reader.messages(connections=chosen):
             try:
                 message = self._reader.deserialize(data, connection.msgtype)
             except AnyReaderError as error:
-                feeder.refuse("message", BadInputError(f"{connection.topic}: {error}"))
+                refuse("message", BadInputError(f"{connection.topic}: {error}"))
                 continue
-            yield connection.topic, time_ns, message
+            yield connection.topic, (time_ns - start_ns) / length_ns, message
 
-    def feed(self, feeder: Feeder, report: Report) -> Iterator[Update]:
-        """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
-        takers = self._takers(feeder)
-        static = [topic for topic in takers if topic.endswith("tf_static")]
-        if static:
-            for topic, _, message in self._decoded(feeder, static):
-                takers[topic](message)
-        for _, _, message in self._decoded(feeder, [self._info]):
-            feeder.info(message)
-            if feeder.locator is not None:
-                break
-        start_ns, length_ns = self._reader.start_time, max(self._reader.duration, 1)
-        for topic, time_ns, message in self._decoded(feeder, takers):
-            takers[topic](message)
-            report("bag", (time_ns - start_ns) / length_ns)
-            if feeder.locator is not None:
-                yield from feeder.locator.updates()
-        report("bag", 1.0)
+
+def _play(topics: BagTopics, feeder: Feeder, report: Report) -> Iterator[Update]:
+    """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
+    assert topics.info is not None
+    takers: dict[str, Callable[[Any], None]] = {
+        topic: feeder.static_transforms if static else feeder.transforms
+        for topic, static in topics.transforms.items()
+    }
+    for topic, _, message in topics.messages(_static(topics), feeder.refuse):
+        takers[topic](message)
+    for _, _, message in topics.messages([topics.info], feeder.refuse):
+        feeder.info(message)
+        if feeder.locator is not None:
+            break
+    takers |= {topics.image: feeder.image, topics.info: feeder.info}
+    if topics.pose not in (None, "tf"):
+        takers[topics.pose] = feeder.body_pose
+    for topic, share, message in topics.messages(takers, feeder.refuse):
+        takers[topic](message)
+        report("bag", share)
+        if feeder.locator is not None:
+            yield from feeder.locator.updates()
+    report("bag", 1.0)
+
+
+def _static(topics: BagTopics) -> list[str]:
+    return [topic for topic, static in topics.transforms.items() if static]
 
 
 def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> Path:
@@ -214,21 +251,17 @@ def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> 
     types = get_typestore(Stores.LATEST)
     messages = Messages(types.types.__getitem__, frame_id, octets=np.ascontiguousarray)
     remove(folder)
-    known: dict[int, Update] = {}
     connections: dict[str, Connection] = {}
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
 
-        def write(topic: str, message: Any, stamp_ns: int) -> None:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=types)
-            writer.write(connections[topic], stamp_ns, types.serialize_cdr(message, kind))
+        def write(name: str, message: Any, stamp_ns: int) -> None:
+            kind = type_of(name)
+            if name not in connections:
+                topic = f"/locate/{name}"
+                connections[name] = writer.add_connection(topic, kind, typestore=types)
+            writer.write(connections[name], stamp_ns, types.serialize_cdr(message, kind))
 
+        announcer = Announcer(messages, write)
         for update in updates:
-            known[update.plume.id] = update
-            write(MARKERS, messages.markers(known.values(), update.stamp_ns), update.stamp_ns)
-            write(POINTS, messages.cloud(known.values(), update.stamp_ns), update.stamp_ns)
-            if update.state == State.CONFIRMED:
-                leak = f"/locate/leak_{update.plume.id}"
-                write(leak, messages.source(update), update.stamp_ns)
+            announcer.tell([update])
     return folder / f"{folder.name}.mcap"

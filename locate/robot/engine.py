@@ -1,5 +1,6 @@
 """Looks at one key frame after the other; decides by the evidence of the last what is there."""
 
+import threading
 from collections import deque
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
 from locate.fusion.views import Views
 from locate.plume import Plume
 from locate.robot.drift import SharedError
+from locate.robot.follower import Follower
 from locate.robot.poses import as_trajectory
 from locate.robot.settings import Settings
 from locate.robot.tracks import Span, State, Tracks, Update, as_column
@@ -28,10 +30,14 @@ SHARE_IN_SIGHT = 0.6
 SPINE_POINTS = 9
 NULL_GROWTH = 1.35
 BACKGROUND_STEP = 16
+NEW_SHARE = 0.3
 
 
 class Engine:
-    """The part of a `Locator` that computes; one thread at a time may use it.
+    """The part of a `Locator` that computes.
+
+    One thread may look at frames while another decides; neither waits for the other, save at
+    the end of a window.
 
     Args:
         detector: Looks at the frames.
@@ -54,40 +60,58 @@ class Engine:
         self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
         self._undecided = 0
         self._window: FrameWindow | None = None
+        self._followers: list[Follower] = []
+        self._adding, self._deciding = threading.Lock(), threading.Lock()
 
     def look(self, task: Task) -> list[Update]:
-        """Looks at a key frame; decides where enough views have come in since the last time.
+        """Looks at a key frame, keeps what it saw, and follows the plumes that are known.
 
         A frame in which the detector finds nothing to measure says nothing. The first frame of
         another window ends what was summed so far; the tracks stay.
         """
-        if task.window is not self._window:
-            self._window, self._undecided = task.window, 0
-            self._evidence.clear()
-            self._null.clear()
-            self.tracks.settle()
+        news = self._begin(task.window) if task.window is not self._window else []
         try:
             detection = self._detector.detect(task.frames, task.row)
         except BadInputError:
             detection = silent(task.key.image.shape)
-        self._evidence.add(task, detection)
-        self._undecided += 1
+        with self._adding:
+            self._evidence.add(task, detection)
+            self._undecided += 1
+            news += self._follow(task.key.number)
         if detection.inverse_depth is not None:
             known = detection.inverse_depth[detection.inverse_depth > 0]
             if known.size:
                 self.inverse_depth = float(np.median(known))
-        if self._undecided < self._settings.views_a_decision:
-            return []
-        return self.decide()
+        return news
+
+    def _begin(self, window: FrameWindow) -> list[Update]:
+        """Decides on what the last window left, and begins another."""
+        news = self.decide()
+        with self._deciding, self._adding:
+            self._window, self._undecided = window, 0
+            self._evidence.clear()
+            self._followers.clear()
+            self._null.clear()
+            self.tracks.settle()
+        return news
+
+    @property
+    def due(self) -> bool:
+        """Enough views have come in since the last decision: the more there are, the more."""
+        enough = max(self._settings.views_a_decision, NEW_SHARE * len(self._evidence))
+        return self._undecided >= enough
 
     def decide(self) -> list[Update]:
         """Fuses the window and follows the plumes, where enough views are there and one is new."""
-        if not self._undecided or len(self._evidence) < FEWEST_VIEWS:
-            return []
-        self._undecided = 0
-        poses, numbers = self._evidence.poses(), self._evidence.numbers
+        with self._deciding:
+            with self._adding:
+                evidence, undecided = self._evidence.copy(), self._undecided
+                self._undecided = 0
+            return self._decided(evidence) if undecided and len(evidence) >= FEWEST_VIEWS else []
+
+    def _decided(self, evidence: EvidenceWindow) -> list[Update]:
+        poses, numbers, views = evidence.poses(), evidence.numbers, evidence.views()
         shared = SharedError.of(poses if self._settings.drift else [])
-        views = self._evidence.views()
         own = as_trajectory(shared.taken_out(poses), numbers, views.trajectory.camera)
         views = replace(views, trajectory=own)
         if np.isnan(views.unit):
@@ -102,12 +126,36 @@ class Engine:
         span = Span(
             first=numbers[0], last=numbers[-1], stamp_ns=max(pose.stamp_ns for pose in poses)
         )
-        return self.tracks.update(
-            [_with_shared(plume, shared) for plume in fused.plumes],
-            span,
-            unit=views.unit,
-            looked_at=lambda plume: looks(views, as_column(plume)) >= FEWEST_LOOKS,
-        )
+        followers = [
+            Follower(plume, views, poses, shared, most=self._settings.views_kept)
+            for plume in fused.plumes
+        ]
+        with self._adding:
+            news = self.tracks.update(
+                [_with_shared(plume, shared) for plume in fused.plumes],
+                span,
+                unit=views.unit,
+                looked_at=lambda plume: looks(views, as_column(plume)) >= FEWEST_LOOKS,
+            )
+            self._followers = followers
+            later = [number for number in self._evidence.numbers if number > span.last]
+            return news + [update for number in later for update in self._follow(number)]
+
+    def _follow(self, number: int) -> list[Update]:
+        """What a key frame adds to what is known of the plumes that the last decision found."""
+        pose, view = self._evidence.view(number)
+        news = []
+        for follower in self._followers:
+            plume = follower.add(number, pose, view)
+            if plume is not None:
+                first, last = follower.span
+                news += self.tracks.update(
+                    [_with_shared(plume, follower.shared)],
+                    Span(first=first, last=last, stamp_ns=pose.stamp_ns),
+                    unit=follower.unit,
+                    looked_at=lambda _plume: False,
+                )
+        return news
 
     def _null_level(self, views: Views) -> NullLevel:
         """What chance makes of the window: one new draw a decision, all anew while it grows.

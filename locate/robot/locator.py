@@ -10,10 +10,10 @@ from typing import Self
 import numpy as np
 
 from detect.detection import Detector
-from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from locate import __version__
+from locate.detectors import make_detector
 from locate.plume import PlumeMap
 from locate.robot.engine import Engine
 from locate.robot.intake import Counts, Intake
@@ -32,12 +32,12 @@ class Locator:
     """Finds plumes while a robot moves.
 
     Feed it images and poses as they come; it never blocks on the detector, which works in a
-    thread of its own and drops what it cannot get to. World: metric, Z up.
+    thread of its own and drops what it cannot get to; another thread decides. World: metric, Z up.
 
     Args:
         camera: That takes the images.
         settings: How much is kept, and how often is decided.
-        detector: None takes `RegisteredDetector`.
+        detector: None takes ``registered``, see `locate.detectors`.
         threaded: False looks at frames inside `feed`, and drops none: for recordings.
     """
 
@@ -50,15 +50,18 @@ class Locator:
         threaded: bool = True,
     ) -> None:
         self.settings = settings or Settings()
-        self._detector = detector or RegisteredDetector()
+        self._detector = detector or make_detector("registered")
         self._outbox: deque[Update] = deque(maxlen=MOST_NEWS)
         self._changed = threading.Condition()
-        self._busy = self._ending = self._closing = False
+        self._looking = self._deciding = self._ending = self._closing = False
         self._begin(camera)
-        self._thread = threading.Thread(target=self._work, name="locate", daemon=True)
         self._threaded = threaded
-        if threaded:
-            self._thread.start()
+        self._threads = [
+            threading.Thread(target=work, name="locate", daemon=True)
+            for work in ((self._keep_looking, self._keep_deciding) if threaded else ())
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def feed(
         self,
@@ -134,8 +137,8 @@ class Locator:
                 self._changed.notify_all()
                 if not self._changed.wait_for(self._idle, timeout_s):
                     return self.updates()
-                self._busy = True
-            self._guarded(self._engine.decide)
+                self._deciding = True
+            self._decide()
         finally:
             self._ending = False
         return self.updates()
@@ -169,17 +172,17 @@ class Locator:
     def reset(self) -> None:
         """Forgets everything, the plumes too."""
         with self._changed:
-            self._changed.wait_for(lambda: not self._busy)
+            self._changed.wait_for(lambda: not self._looking and not self._deciding)
             self._outbox.clear()
             self._begin(self._intake.lens.camera)
 
     def close(self) -> None:
-        """Ends the thread; a frame that it is looking at is finished first."""
+        """Ends the threads; what they are at is finished first."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        if self._threaded:
-            self._thread.join()
+        for thread in self._threads:
+            thread.join()
 
     def __enter__(self) -> Self:
         return self
@@ -197,44 +200,65 @@ class Locator:
         self._engine = Engine(self._detector, self.settings)
 
     def _idle(self) -> bool:
-        return not self._busy and not self._intake.frames.waiting
+        return not self._looking and not self._deciding and not self._intake.frames.waiting
 
     def _take(self) -> Task | None:
+        if self._looking:
+            return None
         return self._intake.frames.take(
             newest=self._threaded and not self._ending, ending=self._ending
         )
 
-    def _work(self) -> None:
-        """The thread: looks at one key frame after the other."""
+    def _keep_looking(self) -> None:
+        """A thread: looks at one key frame after the other."""
         while True:
             with self._changed:
                 task = None
-                while not self._closing and (self._busy or (task := self._take()) is None):
+                while not self._closing and (task := self._take()) is None:
                     self._changed.wait()
                 if task is None:
                     return
-                self._busy = True
+                self._looking = True
             self._look(task)
 
+    def _keep_deciding(self) -> None:
+        """A thread: decides whenever enough has been seen."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._closing or self._engine.due)
+                if self._closing:
+                    return
+                self._deciding = True
+            self._decide()
+
     def _work_here(self) -> None:
-        """Looks at all frames that are ready, where there is no thread to do so."""
+        """Looks at all frames that are ready, and decides, where no thread does."""
         while not self._threaded and (task := self._take()) is not None:
             self._look(task)
+            if self._engine.due:
+                self._decide()
 
     def _look(self, task: Task) -> None:
         self.counts.looked_at += 1
-        self._guarded(lambda: self._engine.look(task))
-        self._intake.inverse_depth = self._engine.inverse_depth
+        news = self._guarded(lambda: self._engine.look(task))
+        with self._changed:
+            self._intake.inverse_depth = self._engine.inverse_depth
+            self._outbox.extend(news)
+            self._looking = False
+            self._changed.notify_all()
 
-    def _guarded(self, work: Callable[[], list[Update]]) -> None:
-        """Does the work and keeps its news; one frame's failure must not stop a robot."""
+    def _decide(self) -> None:
+        news = self._guarded(self._engine.decide)
+        with self._changed:
+            self._outbox.extend(news)
+            self._deciding = False
+            self._changed.notify_all()
+
+    def _guarded(self, work: Callable[[], list[Update]]) -> list[Update]:
+        """Does the work; one frame's failure must not stop a robot."""
         try:
-            news = work()
+            return work()
         except Exception:
             log.exception("a key frame could not be worked on")
             self.counts.failures += 1
-            news = []
-        with self._changed:
-            self._outbox.extend(news)
-            self._busy = False
-            self._changed.notify_all()
+            return []

@@ -1,76 +1,19 @@
-"""MAVLink: poses from an autopilot, and leaks as it and its ground station understand them."""
+"""MAVLink: leaks as an autopilot and its ground station understand them."""
 
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
-from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
 from locate.plume import Plume
-from locate.robot.poses import UNKNOWN, StampedPose
 from locate.robot.tracks import State, Update
-from locate.robot.transforms import moved_covariance, tangent_covariance
 
 TEXT_BYTES = 50
 ABOVE_SOURCE_M = 10.0
 LOITER_RADIUS_M = 40.0
-WORLD_FROM_FRAME = {
-    mavlink.MAV_FRAME_LOCAL_NED: np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]),
-    mavlink.MAV_FRAME_LOCAL_FRD: np.diag([1.0, -1, -1]),
-}
-FORWARD_CAMERA = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-"""(4, 4) body_from_cam of a camera that looks ahead, body x forward, y right, z down."""
-
-
-def camera_pose(message: Any, body_from_cam: FloatArray = FORWARD_CAMERA) -> StampedPose:
-    """The camera's pose by an ODOMETRY message, in a world with Z up.
-
-    From LOCAL_NED the world is east-north-up; from LOCAL_FRD, whose heading is free, it is
-    forward-left-up. Rotation covariances are taken to be about the axes of the local frame.
-
-    Args:
-        message: An ODOMETRY, its child frame BODY_FRD.
-        body_from_cam: (4, 4) how the camera is mounted; body x forward, y right, z down.
-
-    Raises:
-        BadInputError: It is in another frame, or not finite.
-    """
-    turn = WORLD_FROM_FRAME.get(message.frame_id)
-    if turn is None or message.child_frame_id != mavlink.MAV_FRAME_BODY_FRD:
-        raise BadInputError(
-            f"ODOMETRY from frame {message.frame_id} to {message.child_frame_id}: "
-            "only LOCAL_NED or LOCAL_FRD to BODY_FRD is understood"
-        )
-    w, x, y, z = message.q
-    numbers = np.array([message.x, message.y, message.z, w, x, y, z], dtype=float)
-    if not np.isfinite(numbers).all() or np.linalg.norm(numbers[3:]) < 1e-6:
-        raise BadInputError("ODOMETRY has no attitude, or numbers that are not finite")
-    world_from_body = np.eye(4)
-    world_from_body[:3, :3] = turn @ Rotation.from_quat([x, y, z, w]).as_matrix()
-    world_from_body[:3, 3] = turn @ numbers[:3]
-    covariance = _covariance(message.pose_covariance, turn, world_from_body)
-    return StampedPose(
-        stamp_ns=int(message.time_usec) * 1000,
-        world_from_cam=world_from_body @ body_from_cam,
-        covariance=moved_covariance(body_from_cam, covariance),
-    )
-
-
-def _covariance(
-    triangle: Sequence[float], turn: FloatArray, world_from_body: FloatArray
-) -> FloatArray:
-    """(6, 6) in gtsam's right tangent; NaN where the autopilot does not know it."""
-    upper = np.zeros((6, 6))
-    upper[np.triu_indices(6)] = triangle
-    if not np.isfinite(upper).all():
-        return UNKNOWN
-    whole = upper + np.triu(upper, 1).T
-    both = np.kron(np.eye(2), turn)
-    return tangent_covariance(world_from_body, (both @ whole @ both.T).ravel())
 
 
 def status_text(update: Update) -> Any:

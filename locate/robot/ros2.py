@@ -8,11 +8,13 @@ from typing import Any
 
 from detect.detection import Detector
 from geometry.errors import BadInputError
-from locate.robot.feeder import Feeder, Wiring
+from locate.robot.announcer import MARKERS, POINTS, Announcer, type_of
+from locate.robot.feeder import Feeder
 from locate.robot.messages import Messages
 from locate.robot.parameters import PARAMETERS
 from locate.robot.settings import Settings
-from locate.robot.tracks import State, Update
+from locate.robot.tracks import State
+from locate.robot.wiring import Wiring
 
 NODE_NAME = "locate"
 WARN_EVERY_S = 5.0
@@ -43,11 +45,11 @@ class LocateNode:
         self._declare()
         self._wiring = self._wired()
         self.feeder = Feeder(self._wiring, detector=detector, on_refusal=self._warn)
-        self._messages = Messages(ros_class, self._wiring.world_frame, octets=bytes)
+        messages = Messages(ros_class, self._wiring.world_frame, octets=bytes)
+        self.announcer = Announcer(messages, self._send)
         self._running = bool(self._parameter("autostart"))
         self._ignored = 0
-        self._known: dict[int, Update] = {}
-        self._leaks: dict[int, Any] = {}
+        self._publishers: dict[str, Any] = {}
         self._subscribe()
         self._advertise()
         node.create_timer(PUBLISH_S, self._publish_news)
@@ -105,38 +107,27 @@ class LocateNode:
     def _advertise(self) -> None:
         qos = importlib.import_module("rclpy.qos")
         self._latched = _latched(qos, depth=1)
-        publish = self.node.create_publisher
-        array = ros_class("visualization_msgs/msg/MarkerArray")
-        self._markers = publish(array, "~/markers", self._latched)
-        self._cloud = publish(ros_class("sensor_msgs/msg/PointCloud2"), "~/points", self._latched)
+        for name in (MARKERS, POINTS):
+            self._publisher(name)
         diagnostics = ros_class("diagnostic_msgs/msg/DiagnosticArray")
-        self._diagnostics = publish(diagnostics, "/diagnostics", 10)
+        self._diagnostics = self.node.create_publisher(diagnostics, "/diagnostics", 10)
         trigger = ros_class("std_srvs/srv/Trigger")
         for name in ("start", "stop", "save", "reset"):
             self.node.create_service(trigger, f"~/{name}", getattr(self, f"_{name}"))
 
     def _publish_news(self) -> None:
-        news = self.feeder.locator.updates() if self.feeder.locator is not None else []
-        if not news:
-            return
-        self._known |= {update.plume.id: update for update in news}
-        self._publish_all(max(update.stamp_ns for update in news))
-        for update in {update.plume.id: update for update in news}.values():
-            if update.state == State.CONFIRMED:
-                self._leak(update.plume.id).publish(self._messages.source(update))
+        if self.feeder.locator is not None:
+            self.announcer.tell(self.feeder.locator.updates())
 
-    def _publish_all(self, stamp: int) -> None:
-        everything = sorted(self._known.values(), key=lambda update: update.plume.id)
-        self._markers.publish(self._messages.markers(everything, stamp))
-        self._cloud.publish(self._messages.cloud(everything, stamp))
+    def _send(self, name: str, message: Any, _stamp_ns: int) -> None:
+        self._publisher(name).publish(message)
 
-    def _leak(self, number: int) -> Any:
-        """The publisher of one leak's source."""
-        if number not in self._leaks:
-            stamped = ros_class("geometry_msgs/msg/PoseWithCovarianceStamped")
-            topic = f"~/leak_{number}"
-            self._leaks[number] = self.node.create_publisher(stamped, topic, self._latched)
-        return self._leaks[number]
+    def _publisher(self, name: str) -> Any:
+        """The latched publisher of a topic below the node's name."""
+        if name not in self._publishers:
+            kind = ros_class(type_of(name))
+            self._publishers[name] = self.node.create_publisher(kind, f"~/{name}", self._latched)
+        return self._publishers[name]
 
     def _diagnose(self) -> None:
         pair = ros_class("diagnostic_msgs/msg/KeyValue")
@@ -144,7 +135,7 @@ class LocateNode:
         counts = {} if locator is None else asdict(locator.counts)
         counts |= {f"refused_{name}": count for name, count in self.feeder.refused.items()}
         counts["ignored_while_stopped"] = self._ignored
-        counts["plumes"] = sum(u.state == State.CONFIRMED for u in self._known.values())
+        counts["plumes"] = sum(u.state == State.CONFIRMED for u in self.announcer.known.values())
         trouble = self.feeder.trouble() if self._running else "stopped"
         status = ros_class("diagnostic_msgs/msg/DiagnosticStatus")(
             level=WARN if trouble else OK,
@@ -168,8 +159,7 @@ class LocateNode:
 
     def _reset(self, _request: Any, response: Any) -> Any:
         self.feeder.reset()
-        self._known.clear()
-        self._publish_all(self.node.get_clock().now().nanoseconds)
+        self.announcer.forget(self.node.get_clock().now().nanoseconds)
         return _answer(response, "forgotten")
 
     def _save(self, _request: Any, response: Any) -> Any:

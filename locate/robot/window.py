@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -123,6 +124,12 @@ class EvidenceWindow:
         """Key-frame numbers of the views, ascending."""
         return sorted(self._views)
 
+    def copy(self) -> Self:
+        """The same views, in a window that others coming in do not change."""
+        other = type(self)(most=self._most)
+        other._views = dict(self._views)
+        return other
+
     def clear(self) -> None:
         """Forgets every view."""
         self._views.clear()
@@ -134,6 +141,10 @@ class EvidenceWindow:
         self._views[key.number] = key.pose, Views.from_detections([detection], trajectory)
         if len(self._views) > self._most:
             del self._views[min(self._views)]
+
+    def view(self, number: int) -> tuple[StampedPose, Views]:
+        """Of one key frame: its pose, and its evidence as one row."""
+        return self._views[number]
 
     def poses(self) -> list[StampedPose]:
         """Of the views, by ascending number."""

@@ -1,8 +1,17 @@
 """Recordings with a known truth: a scene, plumes that bend its light, and a camera that moves."""
 
+from locate.simulation.campaign import Campaign, is_campaign, simulate_campaign
 from locate.simulation.layouts import random_scene
 from locate.simulation.onto import render_onto
 from locate.simulation.run import simulate
 from locate.simulation.scene import Scene
 
-__all__ = ["Scene", "random_scene", "render_onto", "simulate"]
+__all__ = [
+    "Campaign",
+    "Scene",
+    "is_campaign",
+    "random_scene",
+    "render_onto",
+    "simulate",
+    "simulate_campaign",
+]

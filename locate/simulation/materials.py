@@ -150,4 +150,19 @@ MATERIALS = {
         marks=0.06,
     ),
     "gravel": Material(albedo=0.36, grain=0.1, stain=0.2, stones=0.36),
+    "grid": Material(
+        albedo=0.6, cell_w=0.07, cell_h=0.07, joint=0.035, joint_tone=-0.6, grain=0, stain=0
+    ),
+    "waves": Material(albedo=0.6, ribs=0.07, grain=0, stain=0),
+    "field": Material(
+        albedo=0.3,
+        cell_w=1.7,
+        cell_h=0.9,
+        stagger=0.37,
+        joint=0.1,
+        joint_tone=-0.25,
+        spread=0.2,
+        grain=0.14,
+        stain=0.22,
+    ),
 }

@@ -21,6 +21,8 @@ from locate.simulation.writer import FrameFolder, make_folder, write_summary, wr
 
 COARSE_PX = 8
 ENOUGH_POINTS = 20
+SPLINE_REACH_PX = 24
+"""How far the nearest pixels decide what a quintic spline is between them, to float32."""
 BACKGROUND_FACTOR = 1.6
 """Range of the background over that of the plume, where a photo set has no points."""
 
@@ -28,10 +30,10 @@ BACKGROUND_FACTOR = 1.6
 def render_onto(scene: Scene, photos: Path, output: Path, *, progress: Progress = silent) -> None:
     """Renders the plumes of a scene onto a real posed photo set.
 
-    Every pixel is resampled alike, displaced or not: the photo, of at least twice the output
-    resolution, is blurred by the lens first, so that the quintic spline it is then read with passes
-    all that is left of it, and the area mean follows. Surfaces come from the sparse points, or
-    are a plane behind the plume where there are none.
+    Every pixel is resampled alike, displaced or not (a spline passes through its own pixels): the
+    photo, of at least twice the output resolution, is blurred by the lens first, so that the
+    quintic spline it is then read with passes all that is left of it, and the area mean follows.
+    Surfaces come from the sparse points, or are a plane behind the plume where there are none.
 
     Writes frames/{index:06d}.png, truth.json and truth/{index:06d}.npz into `output`.
 
@@ -49,9 +51,9 @@ def render_onto(scene: Scene, photos: Path, output: Path, *, progress: Progress 
     make_folder(output)
     scene = _in_turned_world(scene, photo_set)
     factor = max(2, round(photo_set.trajectory.camera.width / scene.camera.width))
-    trajectory = _output_trajectory(photo_set.trajectory, factor, scene.video.fps)
+    trajectory = output_trajectory(photo_set.trajectory, factor, scene.video.fps)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = _OntoRenderer(trajectory, photo_set, fields)
+    renderer = OntoRenderer(trajectory, photo_set, fields)
     folder = FrameFolder(output)
     for i in range(len(trajectory)):
         truth = renderer.truth(i)
@@ -84,16 +86,27 @@ def displace(
     """
     height, width = displacement.shape[0] * factor, displacement.shape[1] * factor
     sigma = max(image.psf_sigma_px, 0.5) * factor
-    blurred = cv2.GaussianBlur(photo.astype(np.float32), (0, 0), sigma)
-    coefficients = spline_filter(blurred, order=5, output=np.float32, mode="mirror")
+    fine = cv2.GaussianBlur(photo[:height, :width].astype(np.float32), (0, 0), sigma)
     w = cv2.resize(displacement, (width, height), interpolation=cv2.INTER_LINEAR) * factor
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    places = [y + w[..., 1], x + w[..., 0]]
-    fine = map_coordinates(coefficients, places, order=5, mode="mirror", prefilter=False)
+    rows, columns = (np.flatnonzero(w.any(axis=(axis, 2))) for axis in (1, 0))
+    if len(rows):
+        part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        fine[part] = _read(fine, part, w[part])
     return develop(area_mean(fine, factor), image, rng)
 
 
-class _OntoRenderer:
+def _read(picture: FloatMap, part: tuple[slice, slice], w: FloatMap) -> FloatMap:
+    """The part of a picture, displaced by w; where w is 0 the spline passes through the pixels."""
+    reach = SPLINE_REACH_PX + int(np.abs(w).max())
+    window = tuple(slice(max(side.start - reach, 0), side.stop + reach) for side in part)
+    coefficients = spline_filter(picture[window], order=5, output=np.float32, mode="mirror")
+    y, x = np.mgrid[part].astype(np.float32)
+    places = [y + w[..., 1] - window[0].start, x + w[..., 0] - window[1].start]
+    read = map_coordinates(coefficients, places, order=5, mode="mirror", prefilter=False)
+    return np.asarray(read, dtype=np.float32)
+
+
+class OntoRenderer:
     """The displacement of plumes before a photo set."""
 
     def __init__(
@@ -102,6 +115,7 @@ class _OntoRenderer:
         self._trajectory = trajectory
         self._points = photo_set.points_in_world
         self._fields = fields
+        self._depths: dict[int, FloatMap] = {}
         camera = trajectory.camera
         self._rays = camera.rays(camera.pixel_grid())
         self.amplitudes_px = [self._calibrate(field) for field in fields]
@@ -143,6 +157,11 @@ class _OntoRenderer:
 
     def _depth(self, i: int) -> FloatMap:
         """(H, W) of the surfaces along the optical axis."""
+        if i not in self._depths:
+            self._depths[i] = self._measured_depth(i)
+        return self._depths[i]
+
+    def _measured_depth(self, i: int) -> FloatMap:
         camera = self._trajectory.camera
         in_cam = self._trajectory.world_to_cam(i, self._points)
         pixels = camera.project(in_cam)
@@ -180,7 +199,8 @@ def _in_turned_world(scene: Scene, photo_set: PhotoSet) -> Scene:
     return scene.model_copy(update={"video": video, "plumes": plumes})
 
 
-def _output_trajectory(trajectory: Trajectory, factor: int, fps: float) -> Trajectory:
+def output_trajectory(trajectory: Trajectory, factor: int, fps: float) -> Trajectory:
+    """The poses of the photos reduced by `factor`, as frames of a video."""
     camera = trajectory.camera
     cropped = replace(
         camera,

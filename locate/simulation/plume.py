@@ -1,6 +1,7 @@
 """A plume in the world: its refractive index, and what that does to the rays of a camera."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import correlate1d, map_coordinates
@@ -70,7 +71,7 @@ class PlumeField:
         if plume.kind == "gaussian":
             self._gaussian(scene)
         else:
-            self._buoyant(scene, max(abs(deficit), 0.02), scene.random(3, number))
+            self._buoyant(scene, max(abs(deficit), 0.02), number)
         tilted = np.array([*self._lean, self.upward])
         self.axis_in_world = tilted / np.linalg.norm(tilted)
 
@@ -84,26 +85,15 @@ class PlumeField:
         self._tracers = [column] * scene.video.frames
         self._lean = np.array(scene.wind_mps) / COLUMN_RISE_MPS
 
-    def _buoyant(self, scene: Scene, deficit: float, rng: np.random.Generator) -> None:
+    def _buoyant(self, scene: Scene, deficit: float, number: int) -> None:
         used = int(CELLS[2] * USED_SHARE)
-        self.cell_m = self.plume.voxel_m or self.plume.height_m / used
-        flow = BuoyantFlow(
-            CELLS,
-            cell_m=self.cell_m,
-            radius_m=self.plume.radius_m,
-            deficit=deficit,
-            exit_mps=self.plume.exit_mps,
-            rng=rng,
-        )
-        flow.develop()
-        fade = np.clip((used - np.arange(used)) / (FADE_SHARE * used), 0, 1).astype(np.float32)
-        self._tracers = []
-        rises = []
-        for _ in range(scene.video.frames):
-            flow.advance(1 / scene.video.fps)
-            self._tracers.append(flow.tracer[:, :, :used] * fade)
-            rises.append(flow.rise_mps())
-        self._lean = np.array(scene.wind_mps) / max(float(np.mean(rises)), 0.1)
+        plume = self.plume
+        self.cell_m = plume.voxel_m or plume.height_m / used
+        seed = scene.seed if plume.flow_seed is None else plume.flow_seed
+        times = (scene.video.frames, scene.video.fps)
+        exit_ = (self.cell_m, plume.radius_m, deficit, plume.exit_mps)
+        self._tracers, rise_mps = _rising((seed, 3, number), times, exit_)
+        self._lean = np.array(scene.wind_mps) / max(rise_mps, 0.1)
 
     def scale_to(self, amplitude_px: float) -> float:
         """Sets the gain that makes the plume as strong as the scene asks.
@@ -183,6 +173,37 @@ class PlumeField:
             variance = (weight * (t - mean[crossing, None]) ** 2).sum(axis=1) / total
             spread[crossing] = np.sqrt(variance)
         return Bend(deflection=deflection, range_m=mean, spread_m=spread)
+
+
+@lru_cache(maxsize=1)
+def _rising(
+    seeds: tuple[int, ...], times: tuple[int, float], exit_: tuple[float, float, float, float]
+) -> tuple[list[FloatMap], float]:
+    """What rises from an exit at each frame, and how fast on average, m/s.
+
+    Args:
+        seeds: Of its turbulence.
+        times: How many frames, and how many a second.
+        exit_: Cell and radius in m, density deficit, exit speed in m/s.
+    """
+    cell_m, radius_m, deficit, exit_mps = exit_
+    flow = BuoyantFlow(
+        CELLS,
+        cell_m=cell_m,
+        radius_m=radius_m,
+        deficit=deficit,
+        exit_mps=exit_mps,
+        rng=np.random.default_rng(seeds),
+    )
+    flow.develop()
+    used = int(CELLS[2] * USED_SHARE)
+    fade = np.clip((used - np.arange(used)) / (FADE_SHARE * used), 0, 1).astype(np.float32)
+    tracers, rises = [], []
+    for _ in range(times[0]):
+        flow.advance(1 / times[1])
+        tracers.append(flow.tracer[:, :, :used] * fade)
+        rises.append(flow.rise_mps())
+    return tracers, float(np.mean(rises))
 
 
 def _filled(tracer: FloatMap) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,8 @@ from geometry.trajectory import Trajectory
 from locate.simulation.formation import area_mean, expose
 from locate.simulation.plume import Bend, PlumeField, visible_percentile
 from locate.simulation.scene import Scene
-from locate.simulation.world import Hits, World
+from locate.simulation.shutter import INSTANT, Shutter, velocities
+from locate.simulation.world import Hits, Surfaces
 
 MASK_SHARE = 0.3
 NEGLIGIBLE_PX = 1e-4
@@ -44,12 +45,19 @@ class Renderer:
         world: Its surfaces.
         fields: Its plumes.
         trajectory: Its camera.
+        shutter: How long a frame takes, and how bright it comes out.
     """
 
     def __init__(
-        self, scene: Scene, world: World, fields: Sequence[PlumeField], trajectory: Trajectory
+        self,
+        scene: Scene,
+        world: Surfaces,
+        fields: Sequence[PlumeField],
+        trajectory: Trajectory,
+        shutter: Shutter = INSTANT,
     ) -> None:
         self._scene = scene
+        self._shutter = shutter
         self._world = world
         self._fields = fields
         self._trajectory = trajectory
@@ -62,23 +70,25 @@ class Renderer:
         """Frame `i` as the camera stores it, and the truth about it."""
         shape = self._fine_rays.shape[:2]
         samples = self._scene.image.samples
-        center = self._trajectory.centers_in_world[i].astype(np.float32)
+        world = self._world.at(float(self._trajectory.times_s[i]))
         directions = self._to_world(i, self._fine_rays)
-        origins = np.tile(center, (len(directions), 1))
-        hits = self._world.cast(origins, directions)
+        origins = self._origins(i)
+        hits = world.cast(origins, directions)
         along_axis = hits.range_m * self._fine_rays[..., 2].ravel()
         path_m = hits.range_m.copy()
         w = np.zeros((len(directions), 2), dtype=np.float32)
         if with_plumes and self._fields:
-            bent, w[bent] = self._bend(i, origins, directions, hits, path_m)
-        radiance = self._world.radiance(
+            bent, w[bent] = self._bend(i, world, origins, directions, hits, path_m)
+        radiance = world.radiance(
             origins,
             directions,
             hits,
             path_m=path_m,
             ray_width_rad=1 / (self.camera.focal_px * samples),
         )
-        image = expose(radiance.reshape(shape), self._scene.image, self._scene.random(4, i))
+        gain = self._scene.image.gain * self._shutter.gain(i)
+        formation = self._scene.image.model_copy(update={"gain": gain})
+        image = expose(radiance.reshape(shape), formation, self._scene.random(4, i))
         return image, self._truth(w.reshape(*shape, 2), along_axis.reshape(shape))
 
     def _truth(self, w: FloatMap, depth: FloatMap) -> Truth:
@@ -94,12 +104,36 @@ class Renderer:
         )
 
     def _to_world(self, i: int, rays: FloatMap) -> FloatMap:
-        """(N, 3) directions of rays (..., 3) of the camera."""
+        """(N, 3) directions of rays (H, W, 3) of the camera."""
         rotation = self._trajectory.rotations[i].astype(np.float32)
-        return np.asarray(rays.reshape(-1, 3) @ rotation)
+        directions = np.asarray(rays.reshape(-1, 3) @ rotation)
+        if self._shutter.instant:
+            return directions
+        _, turning = velocities(self._trajectory, i)
+        samples = max(1, len(rays) // self.camera.height)
+        delays_s = self._shutter.delays_s(rays.shape[:2], samples).reshape(-1, 1)
+        directions += delays_s * np.cross(turning.astype(np.float32), directions)
+        return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+    def _origins(self, i: int) -> FloatMap:
+        """(N, 3) where the fine rays start."""
+        shape = self._fine_rays.shape[:2]
+        center = self._trajectory.centers_in_world[i].astype(np.float32)
+        origins = np.tile(center, (shape[0] * shape[1], 1))
+        if not self._shutter.instant:
+            moving, _ = velocities(self._trajectory, i)
+            delays_s = self._shutter.delays_s(shape, self._scene.image.samples).reshape(-1, 1)
+            origins += delays_s * moving.astype(np.float32)
+        return origins
 
     def _bend(
-        self, i: int, origins: FloatMap, directions: FloatMap, hits: Hits, path_m: FloatMap
+        self,
+        i: int,
+        world: Surfaces,
+        origins: FloatMap,
+        directions: FloatMap,
+        hits: Hits,
+        path_m: FloatMap,
     ) -> tuple[IntArray, FloatMap]:
         """Sends the rays that cross a plume on from where it bends them, in place.
 
@@ -114,7 +148,7 @@ class Renderer:
         legs /= np.linalg.norm(legs, axis=1, keepdims=True)
         origins[bent] += straight * turn_m[:, None]
         directions[bent] = legs
-        last = self._world.cast(origins[bent], legs)
+        last = world.cast(origins[bent], legs)
         path_m[bent] = turn_m + last.range_m
         hits.range_m[bent] = last.range_m
         hits.triangle[bent] = last.triangle
@@ -158,7 +192,8 @@ class Renderer:
         directions = self._to_world(i, rays)
         center = self._trajectory.centers_in_world[i]
         origins = np.tile(center.astype(np.float32), (len(directions), 1))
-        ends = self._world.cast(origins, directions).range_m
+        world = self._world.at(float(self._trajectory.times_s[i]))
+        ends = world.cast(origins, directions).range_m
         bend = field.bend(i, center, directions)
         lever = np.clip(1 - bend.range_m / ends, 0, 1) * bend.before(ends)
         across = bend.deflection @ self._trajectory.rotations[i].T.astype(np.float32)

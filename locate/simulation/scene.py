@@ -25,6 +25,38 @@ class Block(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+class Document(Block):
+    """A whole file."""
+
+    @classmethod
+    def load(cls, path: FilePath) -> Self:
+        """Reads a YAML file.
+
+        Raises:
+            BadInputError: The file cannot be read, is not YAML, or a field is wrong; named.
+        """
+        try:
+            content: Any = yaml.safe_load(path.read_text())
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInputError(f"{path}: not a readable scene file ({error})") from error
+        except yaml.YAMLError as error:
+            raise BadInputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
+        if not isinstance(content, dict):
+            raise BadInputError(f"{path}: not a scene (expected a mapping with `objects`)")
+        try:
+            return cls.model_validate(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(str(part) for part in first["loc"])
+            reason = first["msg"].removeprefix("Value error, ")
+            raise BadInputError(f"{path}: field {field or 'scene'}: {reason}") from error
+
+    def save(self, path: FilePath) -> None:
+        """Writes a YAML file that `load` reads back."""
+        content = self.model_dump(mode="json", exclude_defaults=True)
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+
 class CameraBlock(Block):
     """A pinhole camera, with one radial term where `radial` is not 0."""
 
@@ -181,6 +213,7 @@ class Plume(Block):
     Its strength is either `amplitude_px` (95th percentile of |w| over the plume's image footprint,
     mean over frames; the refractivity is scaled to reach it) or, where that is null, what
     `temperature_k`, `gas` and `mole_fraction` at the exit give. These drive the flow either way.
+    Its turbulence follows from `flow_seed`, or, where that is null, from the seed of the scene.
     """
 
     kind: Literal["buoyant", "gaussian"] = "buoyant"
@@ -193,6 +226,7 @@ class Plume(Block):
     amplitude_px: Annotated[float, Field(ge=0)] | None = None
     exit_mps: Annotated[float, Field(ge=0)] = 0.4
     voxel_m: Positive | None = None
+    flow_seed: Annotated[int, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
     def _known_gas(self) -> Self:
@@ -201,7 +235,7 @@ class Plume(Block):
         return self
 
 
-class Scene(Block):
+class Scene(Document):
     """A simulated recording: everything that `simulate` needs, and its seed."""
 
     seed: Annotated[int, Field(ge=0)] = 0
@@ -221,34 +255,6 @@ class Scene(Block):
         if self.video.codec == "h264" and odd:
             raise ValueError("video.codec h264 needs an even camera.width and camera.height")
         return self
-
-    @classmethod
-    def load(cls, path: FilePath) -> Self:
-        """Reads SCENE.yaml.
-
-        Raises:
-            BadInputError: The file cannot be read, is not YAML, or a field is wrong; named.
-        """
-        try:
-            content: Any = yaml.safe_load(path.read_text())
-        except (OSError, UnicodeDecodeError) as error:
-            raise BadInputError(f"{path}: not a readable scene file ({error})") from error
-        except yaml.YAMLError as error:
-            raise BadInputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
-        if not isinstance(content, dict):
-            raise BadInputError(f"{path}: not a scene (expected a mapping with `objects`)")
-        try:
-            return cls.model_validate(content)
-        except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(str(part) for part in first["loc"])
-            reason = first["msg"].removeprefix("Value error, ")
-            raise BadInputError(f"{path}: field {field or 'scene'}: {reason}") from error
-
-    def save(self, path: FilePath) -> None:
-        """Writes a SCENE.yaml that `load` reads back."""
-        content = self.model_dump(mode="json", exclude_defaults=True)
-        path.write_text(yaml.safe_dump(content, sort_keys=False))
 
     def random(self, *stream: int) -> np.random.Generator:
         """The random numbers of one part of the recording, the same for every run."""

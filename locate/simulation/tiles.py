@@ -1,4 +1,6 @@
-"""Noise to cover surfaces with: periodic tiles, band-limited by mip levels."""
+"""Pictures to cover surfaces with: periodic tiles, band-limited by mip levels."""
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -37,11 +39,15 @@ def _stone_tile(rng: np.random.Generator) -> FloatMap:
     return np.asarray(tile.reshape(TILE_PX, TILE_PX), dtype=np.float32)
 
 
-class TileAtlas:
-    """Periodic noise tiles with their mip levels, in one image."""
+def noise_tiles(rng: np.random.Generator) -> list[FloatMap]:
+    """The tiles GRAIN, STONES and CLOUDS."""
+    return [_noise_tile(rng, 1.0), _stone_tile(rng), _noise_tile(rng, 1.6)]
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        tiles = [_noise_tile(rng, 1.0), _stone_tile(rng), _noise_tile(rng, 1.6)]
+
+class TileAtlas:
+    """Periodic tiles of TILE_PX x TILE_PX with their mip levels, in one image."""
+
+    def __init__(self, tiles: Sequence[FloatMap]) -> None:
         columns = []
         for tile in tiles:
             level, blocks = tile, []
@@ -56,7 +62,7 @@ class TileAtlas:
         self._tops = (below + PAD_PX - 0.5).astype(np.float32)
 
     def sample(self, u_m: FloatMap, v_m: FloatMap, tile: int, footprint_m: FloatMap) -> FloatMap:
-        """Noise at (u, v), averaged over about `footprint_m`; any one shape."""
+        """The tile at (u, v), averaged over about `footprint_m`; any one shape."""
         lod = np.log2(np.clip(footprint_m, TEXEL_M, TEXEL_M * 2 ** (LEVELS - 1.01)) / TEXEL_M)
         low = lod.astype(np.intp)
         weight = (lod - low).astype(np.float32)
@@ -68,7 +74,7 @@ class TileAtlas:
         return np.asarray(below + weight * (above - below), dtype=np.float32)
 
     def _level(self, u: FloatMap, v: FloatMap, tile: int, level: NDArray[np.intp]) -> FloatMap:
-        """Noise at (u, v) in tile widths, from one mip level each."""
+        """The tile at (u, v) in tile widths, from one mip level each."""
         size = self._sizes.take(level)
         x = u * size + np.float32(PAD_PX - 0.5 + tile * (TILE_PX + 2 * PAD_PX))
         y = v * size + self._tops.take(level)

@@ -1,6 +1,8 @@
 """The static scene under rays: where they hit, and how bright it is there."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,7 @@ from geometry.open3d_loader import load_open3d
 from locate.simulation.reflectance import reflectance
 from locate.simulation.scene import Scene
 from locate.simulation.solids import build_soup
-from locate.simulation.tiles import CLOUDS, TileAtlas
+from locate.simulation.tiles import CLOUDS, TileAtlas, noise_tiles
 
 AMBIENT, SUNLIGHT = 0.25, 0.8
 SURFACE_M = 2e-3
@@ -31,8 +33,32 @@ class Hits:
     barycentric: FloatMap
 
 
+class Surfaces(Protocol):
+    """What rays can hit."""
+
+    def at(self, time_s: float) -> "Surfaces":
+        """The surfaces as they stand at that time."""
+        ...
+
+    def cast(self, origins: FloatMap, directions: FloatMap) -> Hits:
+        """Follows N rays, (N, 3) origins and unit directions, to the first surface."""
+        ...
+
+    def radiance(
+        self,
+        origins: FloatMap,
+        directions: FloatMap,
+        hits: Hits,
+        *,
+        path_m: FloatMap,
+        ray_width_rad: float,
+    ) -> FloatMap:
+        """Brightness at the end of each ray, (N,), as `World.radiance` has it."""
+        ...
+
+
 class World:
-    """The surfaces and the light of a scene."""
+    """The surfaces and the light of a scene; nothing in it moves."""
 
     def __init__(self, scene: Scene) -> None:
         o3d = load_open3d()
@@ -58,8 +84,16 @@ class World:
         normals = np.array(soup.normals, dtype=np.float32).reshape(-1, 3, 3)
         self._lambert = np.clip(normals @ self._sun, 0, 1)
         self._upward = normals[..., 2].mean(axis=1)
-        self._atlas = TileAtlas(scene.random(1))
+        self._scene = scene
         self._sky = scene.sky
+
+    @cached_property
+    def _atlas(self) -> TileAtlas:
+        return TileAtlas(noise_tiles(self._scene.random(1)))
+
+    def at(self, _time_s: float) -> Self:
+        """The same at all times."""
+        return self
 
     def cast(self, origins: FloatMap, directions: FloatMap) -> Hits:
         """Follows N rays, (N, 3) origins and unit directions, to the first surface."""

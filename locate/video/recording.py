@@ -1,7 +1,7 @@
 """A recording: a video or photos, read frame by frame at the working size."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +18,7 @@ DEFAULT_MAX_SIDE = 1280
 ANY_SIDE = 1 << 30
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"})
 MISSING_TAIL_S = 0.5
+NamedImage = tuple[float, str, GreyImage]
 UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 
 
@@ -45,6 +46,8 @@ class Recording:
         focal: Focal length from metadata, or None.
         expected_frames: What its header or the folder promises; 0 where nothing does.
         warnings: Filled while reading: what is wrong without making the recording useless.
+        read: Yields time, name and image of each frame, for what is neither a video file nor
+            photos.
     """
 
     path: Path
@@ -56,6 +59,7 @@ class Recording:
     focal: FocalPrior | None
     expected_frames: int = 0
     warnings: list[str] = field(default_factory=list)
+    read: Callable[[], Iterator[NamedImage]] | None = None
 
     @property
     def is_video(self) -> bool:
@@ -73,8 +77,7 @@ class Recording:
         Raises:
             BadInputError: A photo cannot be read, or the frames change in size.
         """
-        source = _video_images(self.path, self.warnings) if self.is_video else _photos(self.photos)
-        for index, (time_s, name, image) in enumerate(source):
+        for index, (time_s, name, image) in enumerate(self._images()):
             if image.shape != (self.source_height, self.source_width):
                 raise BadInputError(
                     f"{self.path}: frame {index} ({name}) is {image.shape[1]}x{image.shape[0]}, "
@@ -82,6 +85,11 @@ class Recording:
                     "give frames of one camera and one size"
                 )
             yield Frame(index=index, time_s=time_s, source=name, image=self._resized(image))
+
+    def _images(self) -> Iterator[NamedImage]:
+        if self.read is not None:
+            return self.read()
+        return _video_images(self.path, self.warnings) if self.is_video else _photos(self.photos)
 
     def _resized(self, image: GreyImage) -> GreyImage:
         if image.shape == (self.height, self.width):

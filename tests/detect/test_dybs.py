@@ -5,15 +5,16 @@ import pytest
 
 from detect.detection import Frames
 from detect.dybs import DybsDetector
-from detect.dybs.demodulation import Demodulation
-from detect.dybs.detector import SingleFrame, joined
+from detect.dybs.detector import Reading, SingleFrame, joined
+from detect.dybs.measure import measure
+from detect.texture import Texture
 from geometry.errors import BadInputError
 from tests.detect.onnx_files import convolution
 from tests.detect.test_demodulation import lattice, plume
 
 LATTICE_ONLY = {
-    "scores": ["logit", "waves"],
-    "classes": {"lattice": {"weights": [0.0, 3.0], "offset": -6.0, "prior": 0.1, "auroc": 0.95}},
+    "scores": ["logit", "judge"],
+    "classes": {"lattice": {"weights": [0.0, 1.0], "offset": 0.0, "prior": 0.1, "auroc": 0.95}},
 }
 
 
@@ -77,16 +78,20 @@ def test_a_network_of_half_the_size_speaks_in_px_of_the_image(tmp_path: Path) ->
         np.testing.assert_allclose(look.sigma_px, 1 / scale, rtol=0.01)
 
 
-def test_joining_weighs_by_information() -> None:
-    network_says = np.zeros((1, 3, 2), np.float32)
-    log_variance = np.log(np.full((1, 3), 0.01, np.float32))
-    waves = Demodulation(
-        displacement=np.ones((1, 3, 2), np.float32),
-        information=np.array([[[0, 0, 0], [100, 0, 100], [100, 0, 0]]], np.float32),
-    )
-    best, sigma_px = joined(network_says, log_variance, waves)
-    np.testing.assert_allclose(best[0], [[0, 0], [0.5, 0.5], [0.5, 0]], atol=1e-6)
-    np.testing.assert_allclose(sigma_px[0] ** 2, [0.01, 0.005, 0.0075], rtol=1e-5)
+def test_joining_weighs_by_inverse_variance_where_there_is_something_to_read() -> None:
+    def says(size: float, variances: list[float]) -> dict[str, np.ndarray]:
+        log_variance = np.log(np.array([variances], np.float32))
+        displacement = np.full((1, 3, 2), size, np.float32)
+        logit = np.full((1, 3), size, np.float32)
+        return {"displacement": displacement, "log_variance": log_variance, "logit": logit}
+
+    texture = np.array([[Texture.IRREGULAR, Texture.LATTICE, Texture.STRAIGHT]], np.uint8)
+    measured = measure(np.zeros((1, 3), np.uint8), texture)
+    reading = Reading(texture=texture, measured=measured, says=says(1, [0.01, 0.01, 0.03]))
+    look = joined(says(0, [0.01] * 3), reading)
+    np.testing.assert_allclose(look.displacement[0], [[0, 0], [1, 1], [0.25, 0.25]], atol=1e-6)
+    np.testing.assert_allclose(look.sigma_px[0] ** 2, [0.01, 0.01, 0.0075], rtol=1e-5)
+    np.testing.assert_array_equal(look.scores[0], [[0, 0], [0, 1], [0, 1]])
 
 
 @pytest.mark.parametrize(
@@ -125,3 +130,16 @@ def test_calibrating_writes_what_the_detector_reads(tmp_path: Path) -> None:
     seen = detector.detect(Frames(images=[samples[0].image]), 0)
     assert (seen.llr != 0).mean() > 0.9
     assert SingleFrame(path).network.name == "tiny"
+
+
+@pytest.mark.parametrize(("share", "heard"), [(0.15, False), (0.05, True)])
+def test_a_background_that_says_nothing_does_not_hide_among_others(
+    share: float, heard: bool
+) -> None:
+    from detect.dybs.calibrate import worst_family
+
+    rng = np.random.default_rng(0)
+    families = (rng.random(20_000) < share).astype(int)
+    labels = rng.random(20_000) < 0.1
+    llr = np.where(families == 0, 3.0 * labels, 0) + rng.normal(0, 1, 20_000)
+    assert (worst_family(llr, labels, families) > 0.6) == heard

@@ -19,12 +19,13 @@ import torch
 import detect
 from detect.learning import losses
 from detect.learning.augmentation import turn
+from detect.learning.batches import Batches
 from detect.learning.checkpoint import load_weights, read_checkpoint, read_journal
 from detect.learning.config import NetworkConfig, PoolConfig, TrainConfig
 from detect.learning.export import annotate, publish
 from detect.learning.networks import PaperUNet, PlumeNet, Prediction, build
 from detect.learning.plot import plot_training
-from detect.learning.pools import Batches, Pool
+from detect.learning.pools import Pool
 from detect.learning.render import render_missing
 from detect.learning.trainer import LAST, train
 from detect.learning.validation import validate
@@ -32,6 +33,7 @@ from detect.synthesis import Recipe, render_dataset
 from geometry.errors import BadInputError
 
 SAMPLES, SIDE = 24, 32
+LIMITS_PX = torch.tensor([[0.06, 0.02]])
 CHILD = """
 import os, signal, sys
 from pathlib import Path
@@ -256,7 +258,7 @@ def test_it_learns_what_is_there(data: Path) -> None:
     weights = config_of(data).stages[0].losses
     values = []
     for _ in range(80):
-        loss = losses.total(network(image), truth, weights, positive_px=0.06, negative_px=0.02)
+        loss = losses.total(network(image), truth, weights, LIMITS_PX)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -271,7 +273,7 @@ def test_it_learns_what_is_there(data: Path) -> None:
 def test_the_mask_looks_away_from_weak_displacement() -> None:
     truth = torch.zeros(1, 2, 1, 4)
     truth[0, 0, 0] = torch.tensor([0.0, 0.03, -0.07, 0.5])
-    plume, asked = losses.labels(truth, positive_px=0.06, negative_px=0.02)
+    plume, asked = losses.labels(truth, LIMITS_PX)
     assert plume.flatten().tolist() == [0, 0, 1, 1]
     assert asked.flatten().tolist() == [True, False, True, True]
     logit = torch.tensor([[[[0.0, 50.0, 0.0, 0.0]]]])
@@ -297,7 +299,7 @@ def test_the_weights_of_the_losses_count() -> None:
         update={"charbonnier": 0.0, "mask": 0.0, "likelihood": 0.0, "squared": 2.0}
     )
     truth = torch.zeros(1, 2, 4, 4)
-    loss = losses.total(says, truth, none, positive_px=0.06, negative_px=0.02)
+    loss = losses.total(says, truth, none, LIMITS_PX)
     assert float(loss) == pytest.approx(2 * (1 / losses.DISPLACEMENT_UNIT) ** 2)
 
 

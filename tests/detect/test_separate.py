@@ -16,7 +16,7 @@ def test_depth_and_refraction_are_told_apart() -> None:
     answer = separate(flows, slopes, np.ones((5, *SHAPE), np.float32))
     np.testing.assert_allclose(answer.inverse_depth_step, step, atol=1e-3)
     np.testing.assert_allclose(answer.displacement, w, atol=1e-3)
-    assert answer.squared_residuals.max() < 1e-4
+    assert answer.squared_residuals(flows, slopes).max() < 1e-4
 
 
 def test_the_variance_factor_is_that_of_many_draws() -> None:

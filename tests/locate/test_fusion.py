@@ -4,14 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
+from locate.decide import hidden_note
 from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import score, spine, without
 from locate.fusion.fuse import fuse
 from locate.fusion.graph import estimate_axis
+from locate.fusion.null import NullLevel
 from locate.fusion.proposals import best_interval
 from locate.fusion.sway import estimate_sway
 from locate.fusion.views import Views
+from locate.plume import Plume
 from locate.simulation.evidence import NONE, Corruption, Truth, corrupted_views, orbit, random_truth
 
 
@@ -73,6 +76,64 @@ def test_base_reaches_down_to_the_ground(truth: Truth) -> None:
     assert base.height == pytest.approx(-0.3, abs=0.12)
     assert not base.hidden
     assert base.sigma < 0.3
+
+
+def screened(views: Views, column: np.ndarray, *, up_to: float, before: float) -> Views:
+    """The views with a screen `before` the axis, as high as its point at height `up_to`."""
+    llr, inverse_depth = views.llr.copy(), views.inverse_depth.copy()
+    edge = spine(column[None], np.array([[up_to]]))[0]
+    for i in range(len(views)):
+        row = round(views.trajectory.project(i, edge)[0, 1])
+        depth = views.trajectory.world_to_cam(i, edge)[0, 2] - before
+        llr[i, row:] = -0.5
+        inverse_depth[i, row:] = np.maximum(inverse_depth[i, row:], 1 / depth)
+    return replace(views, llr=llr, inverse_depth=inverse_depth)
+
+
+def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: Truth) -> None:
+    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+    column = as_column(truth)
+    base = locate_base(screened(views, column, up_to=0.9, before=0.8), column, views.unit)
+    assert base.hidden
+    assert base.lowest_seen == pytest.approx(0.9, abs=0.15)
+    assert base.height == pytest.approx(0.45, abs=0.2)
+    assert abs(base.height) < 2 * base.sigma
+
+
+def test_a_thin_nozzle_is_a_base_and_hides_nothing(truth: Truth) -> None:
+    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+    column = as_column(truth)
+    base = locate_base(screened(views, column, up_to=0.3, before=0.1), column, views.unit)
+    assert not base.hidden
+    assert base.height == pytest.approx(0.3, abs=0.1)
+    assert base.sigma < 0.1
+
+
+def test_a_hidden_source_is_said_with_its_interval() -> None:
+    plume = Plume(
+        id=2, source=np.zeros(3), source_covariance=np.diag([0.01, 0.01, 0.25]),
+        axis=np.array([0, 0, 1.0]), axis_sigma_rad=0.1, extent_low=0.4, extent_high=3.0,
+        radius_by_height=np.array([[0.4, 0.2], [3.0, 0.3]]), evidence_nats=50.0, probability=1.0,
+        views=(0, 1), displacement_px=0.5, source_hidden=True,
+    )  # fmt: skip
+    note = hidden_note(plume, "m")
+    assert "plume 2" in note
+    assert "between 1 m below and 0.4 m above" in note
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_answer_does_not_hang_on_the_scale_of_the_evidence(truth: Truth, factor: float) -> None:
+    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(5))
+    scaled = replace(views, llr=np.clip(factor * views.llr, -1.5, 4))
+    answers = []
+    for each in (views, scaled):
+        null = NullLevel(strongest=np.zeros(2), location=10.0, scale=1.0)
+        (plume,) = fuse(each, null=null).plumes
+        answers.append(plume)
+    sigmas = [np.sqrt(np.trace(plume.source_covariance)) for plume in answers]
+    distance = np.linalg.norm(answers[0].source - answers[1].source)
+    assert distance < 2 * max(sigmas)
+    assert 0.5 < sigmas[0] / sigmas[1] < 2
 
 
 def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
@@ -154,6 +215,26 @@ def test_a_wild_sighting_loses_its_say(seen: tuple[np.ndarray, AxisSightings, Vi
     still = np.zeros((len(sightings), len(sightings)))
     sway = estimate_sway(replace(sightings, offset_px=offsets), 0.0, views.unit, still, prior)
     assert sway.sigma_px[5] > 4 * np.median(sway.sigma_px)
+
+
+def test_views_of_one_instant_are_views_still(
+    seen: tuple[np.ndarray, AxisSightings, Views],
+) -> None:
+    column, sightings, views = seen
+    offsets = offsets_of(sightings, 0.005, np.random.default_rng(3))
+    moving, frozen = (
+        estimate_axis(
+            views.trajectory,
+            column,
+            replace(sightings, offset_px=offsets, time_s=time_s),
+            views.unit,
+        )
+        for time_s in (sightings.time_s, np.zeros(len(sightings)))
+    )
+    assert moving is not None
+    assert frozen is not None
+    assert frozen.direction_sigma_rad > moving.direction_sigma_rad
+    np.testing.assert_allclose(frozen.line[:2], column[:2], atol=0.1)
 
 
 def test_sightings_know_how_shifts_and_poses_move_them(

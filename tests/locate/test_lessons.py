@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from detect.registered.features import FEATURES
+from detect.registered.lessons import Lesson
 from geometry.errors import BadInputError
 from locate.simulation import lessons
-from locate.simulation.lessons import Lesson, lesson_scene, make_lesson
+from locate.simulation.lessons import lesson_scene, make_lesson
 
 STILL_AIR_SEED = 100_001
 
@@ -17,7 +18,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         "FRAMES": 11,
         "KEY_FRAMES": 2,
         "SIDE_PX": (128, 96),
-        "FOCAL_PX": 110.0,
+        "FOCAL_PX": (110.0, 110.0),
     }.items():
         monkeypatch.setattr(lessons, name, value)
 

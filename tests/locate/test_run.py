@@ -13,7 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
+from locate.config import RunConfig
+from locate.pipeline import Run
 from locate.plume import PlumeMap
 from locate.sample import SAMPLE, SAMPLE_VIDEO
 
@@ -154,6 +157,15 @@ def test_poses_that_are_none(tmp_path: Path) -> None:
     result = locate("run", SAMPLE_VIDEO, "-o", output, "--poses", tmp_path / "p.json",
                     "--max-frames", "8")  # fmt: skip
     bad(result, 2, "p.json")
+
+
+def test_telemetry_that_is_none_is_refused_before_any_work(tmp_path: Path) -> None:
+    telemetry = tmp_path / "flight.srt"
+    telemetry.write_text("nothing that says where")
+    config = RunConfig(recording=SAMPLE_VIDEO, telemetry=telemetry)
+    with pytest.raises(BadInputError, match=r"flight\.srt"):
+        Run(config, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_usage_error_is_no_traceback() -> None:

@@ -137,3 +137,25 @@ def test_stage_times_survive_a_skip(tmp_path: Path) -> None:
         folder.stage("one", inputs={}, build=make("x", []))
     stamp = json.loads((tmp_path / ".stages" / "one.json").read_text())
     assert folder.times[0].wall_s == stamp["time"]["wall_s"]
+
+
+def test_shares_of_a_stage_are_put_together_by_it(tmp_path: Path) -> None:
+    def share(name: str):
+        def build(folder: Path) -> str:
+            (folder / name).write_text(name)
+            return name
+
+        return build
+
+    for name in ("a", "b"):
+        RunFolder(tmp_path / "run").begin("look", inputs={}, build=share(name))
+    assert not (tmp_path / "run" / "a").exists()
+    folder = RunFolder(tmp_path / "run")
+    folder.save_config({})
+    folder.stage("look", inputs={}, build=share("c"))
+    assert [(tmp_path / "run" / name).read_text() for name in "abc"] == ["a", "b", "c"]
+
+    def never(_: Path) -> str:
+        raise AssertionError
+
+    RunFolder(tmp_path / "run").begin("look", inputs={}, build=never)

@@ -11,7 +11,7 @@ from detect.synthesis.buoyancy import BuoyantFlow
 from geometry.errors import BadInputError
 from geometry.refraction import gaussian_column_deflection, refractivity
 from geometry.trajectory import Trajectory
-from locate.simulation import Scene, random_scene, render_onto, simulate
+from locate.simulation import Campaign, Scene, is_campaign, random_scene, render_onto, simulate
 from locate.simulation.onto import displace
 from locate.simulation.paths import fly
 from locate.simulation.photos import PhotoSet
@@ -292,7 +292,7 @@ def test_example_scenes_are_valid(request):
     paths = sorted(folder.glob("*.yaml"))
     assert len(paths) >= 6
     for path in paths:
-        assert Scene.load(path).objects
+        assert Campaign.load(path).flights if is_campaign(path) else Scene.load(path).objects
 
 
 def photo_set(folder):

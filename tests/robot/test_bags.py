@@ -17,8 +17,8 @@ from locate.fusion.views import Views
 from locate.plume import PlumeMap
 from locate.robot import Settings
 from locate.robot.bags import Topics, is_bag, locate_in_bag
-from locate.robot.feeder import Wiring
 from locate.robot.poses import NS
+from locate.robot.wiring import Wiring
 from locate.simulation.evidence import Truth
 from tests.robot.drive import Oracle, moments
 

@@ -1,4 +1,5 @@
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,10 @@ def test_bag_that_is_missing_is_one_line(tmp_path: Path) -> None:
     assert "missing.mcap" in str(result.exception)
     assert "\n" not in str(result.exception)
     assert not (tmp_path / "out").exists()
+
+
+def test_dds_without_its_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cyclonedds.core", None)
+    result = CliRunner().invoke(robot, ["dds"])
+    assert isinstance(result.exception, BadInputError)
+    assert "plume-locate[dds]" in str(result.exception)

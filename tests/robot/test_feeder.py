@@ -7,9 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
 from locate.robot import Settings
-from locate.robot.feeder import Feeder, Wiring
+from locate.robot.feeder import Feeder
 from locate.robot.poses import NS
 from locate.robot.transforms import ros_covariance
+from locate.robot.wiring import Wiring
 from tests.robot.messages import camera_info, header, image, quaternion, vector
 from tests.robot.test_transforms import stamped
 

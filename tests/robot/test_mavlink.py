@@ -15,7 +15,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
 from locate.robot import State, Update
-from locate.robot.mavlink import camera_pose, plan, region_of_interest, status_text
+from locate.robot.autopilot import Autopilot, camera_pose
+from locate.robot.mavlink import plan, region_of_interest, status_text
 from tests.robot.test_next_view import plume
 
 ORIGIN = Georeference(lat_deg=47.4, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
@@ -70,6 +71,74 @@ def test_unknown_covariance_and_frames() -> None:
     for wrong in ({"frame_id": 0}, {"child_frame_id": 1}, {"q": [0.0] * 4}, {"x": float("nan")}):
         with pytest.raises(BadInputError):
             camera_pose(odometry(**wrong))
+
+
+def attitude(time_ms: int) -> Any:
+    return mavlink.MAVLink_attitude_message(time_ms, 0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0)
+
+
+def position(time_ms: int, where: list[float]) -> Any:
+    lat, lon, height = ORIGIN.lat_lon_height(np.array(where))[0]
+    return mavlink.MAVLink_global_position_int_message(
+        time_ms, round(lat * 1e7), round(lon * 1e7), round(height * 1e3), 30_000, 0, 0, 0, 0
+    )
+
+
+def test_global_position_and_attitude_make_a_pose() -> None:
+    autopilot = Autopilot(ORIGIN, sigma_m=1.5, boot_ns=7)
+    assert autopilot.take(position(1000, [20.0, 10.0, 30.0])) is None
+    assert autopilot.take(attitude(1000)) is None
+    pose = autopilot.take(position(1050, [20.0, 10.0, 30.0]))
+    assert pose is not None
+    assert pose.stamp_ns == 1_050_000_007
+    np.testing.assert_allclose(pose.center_in_world, [20, 10, 30], atol=0.02)
+    np.testing.assert_allclose(pose.world_from_cam[:3, 2], [1, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(np.diag(pose.covariance)[3:], 1.5**2)
+    assert autopilot.take(position(1200, [20.0, 10.0, 30.0])) is None
+    above_start = Autopilot(replace(ORIGIN, height_m=0.0, datum=HeightDatum.TAKEOFF))
+    above_start.take(attitude(0))
+    low = above_start.take(position(0, [20.0, 10.0, 470.0]))
+    assert low is not None
+    assert low.center_in_world[2] == pytest.approx(30.0, abs=0.01)
+
+
+def test_quaternion_says_the_same_as_angles() -> None:
+    x, y, z, w = Rotation.from_euler("ZYX", [np.pi / 2, 0, 0]).as_quat()
+    poses = []
+    for message in (
+        attitude(5),
+        mavlink.MAVLink_attitude_quaternion_message(5, w, x, y, z, 0.0, 0.0, 0.0),
+    ):
+        autopilot = Autopilot(ORIGIN)
+        autopilot.take(message)
+        poses.append(autopilot.take(position(5, [0.0, 0.0, 0.0])))
+    assert poses[0] is not None
+    assert poses[1] is not None
+    np.testing.assert_allclose(poses[0].world_from_cam, poses[1].world_from_cam, atol=1e-6)
+
+
+def test_odometry_comes_over_a_link_and_feeds_the_autopilot() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    robot = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}")
+    flight = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=1)
+    try:
+        autopilot, poses = Autopilot(ORIGIN), []
+        for i in range(20):
+            flight.mav.send(odometry(time_usec=i, x=float(i)))
+            message = robot.recv_match(type="ODOMETRY", blocking=True, timeout=10)
+            poses.append(autopilot.take(message))
+        assert [round(float(pose.center_in_world[1])) for pose in poses if pose] == [*range(20)]
+    finally:
+        robot.close()
+        flight.close()
+
+
+@pytest.mark.parametrize("datum", [HeightDatum.UNKNOWN, HeightDatum.ELLIPSOID])
+def test_origin_above_something_else_is_refused(datum: HeightDatum) -> None:
+    with pytest.raises(BadInputError, match="heights count from"):
+        Autopilot(replace(ORIGIN, datum=datum))
 
 
 def test_leak_reaches_the_other_end_of_a_link() -> None:

@@ -82,7 +82,7 @@ class Robot:
         self.node.destroy_node()
         rclpy.shutdown()
 
-    def spin(self, done: Callable[[], object], timeout_s: float = 60.0) -> None:
+    def spin(self, done: Callable[[], object], timeout_s: float = 240.0) -> None:
         end = time.monotonic() + timeout_s
         while not done():
             assert time.monotonic() < end, "what was waited for never came"
@@ -151,7 +151,16 @@ class Robot:
             self.send_transform(self.tf, "base_link", "map", body, moment.stamp_ns)
             self.spin(lambda fed=fed: self.counts.images > fed)
         self.spin(lambda: not self.locator._intake._images)
-        self.spin(lambda: self.locator._intake.frames.waiting <= 1 and not self.locator._busy)
+        self.spin(
+            lambda: (
+                self.locator._intake.frames.waiting <= 1
+                and not (self.locator._looking or self.locator._deciding)
+            )
+        )
+
+    @property
+    def working(self) -> bool:
+        return bool(self.locator._looking or self.locator._deciding or self.locator._engine.due)
 
     @property
     def locator(self) -> Any:
@@ -189,7 +198,7 @@ def test_drive_ends_in_latched_markers_and_a_leak(
     diagnostics = robot.listen("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics", 10)
     robot.send_info()
     robot.drive()
-    robot.spin(lambda: any(u.state == "confirmed" for u in robot.locate._known.values()))
+    robot.spin(lambda: any(u.state == "confirmed" for u in robot.locate.announcer.known.values()))
 
     late = robot.listen("visualization_msgs/msg/MarkerArray", "/locate/markers")
     robot.spin(lambda: late)

@@ -1,0 +1,123 @@
+"""Whether the stated detection limit is true: plumes of known strength put into a clean recording.
+
+    python benchmarks/detection_limit.py --work work/orbit --seeds 1001 1002 1003 1004
+
+Needs what `benchmarks/orbit_scenes.py --work work/orbit --seeds ...` leaves: the run of each scene
+without a plume, and the true displacement of the same scene with one. That displacement, scaled to
+a share of the limit the clean run stated, bends the clean frames; poses are kept, the detector and
+the decision are repeated. The strength of a plume is its mean displacement along the axis, as the
+limit is.
+"""
+
+import argparse
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from geometry.arrays import FloatMap, GreyImage
+from geometry.trajectory import Trajectory
+from locate.config import RunConfig
+from locate.decide import decide
+from locate.detectors import make_detector
+from locate.evaluate import evaluate
+from locate.journal import silent
+from locate.observe import Recorded, load_points, observe
+from locate.plume import PlumeMap
+from locate.video import KeyFrames
+
+INSIDE_SHARE = 0.3
+
+
+def recorded(run: Path, folder: Path) -> Recorded:
+    """The frames of a finished run, its images taken from `folder`."""
+    frames = KeyFrames.load(run / "frames" / "index.json")
+    trajectory = Trajectory.load(run / "trajectory.json")
+    names = dict(zip(frames.indices.tolist(), frames.names, strict=True))
+    return Recorded(
+        folder=folder,
+        names=[names[i] for i in trajectory.indices.tolist()],
+        indices=trajectory.indices,
+        camera=trajectory.camera,
+        trajectory=trajectory,
+    )
+
+
+def true_displacement(scene: Path, index: int) -> FloatMap:
+    with np.load(scene / "truth" / f"{index:06d}.npz", allow_pickle=False) as truth:
+        return np.asarray(truth["displacement"], np.float32)
+
+
+def mean_strength_px(scene: Path, indices: list[int]) -> float:
+    """Mean |w| inside the plume: where it is above a share of the frame's largest."""
+    means = []
+    for index in indices:
+        size = np.linalg.norm(true_displacement(scene, index), axis=-1)
+        means.append(float(size[size > INSIDE_SHARE * np.quantile(size[size > 0], 0.95)].mean()))
+    return float(np.mean(means))
+
+
+def bent(image: GreyImage, displacement: FloatMap) -> GreyImage:
+    """The image with pixel p showing what stood at p + w(p), by a cubic spline."""
+    rows, columns = np.indices(image.shape, dtype=np.float32)
+    where = [rows + displacement[..., 1], columns + displacement[..., 0]]
+    values = ndimage.map_coordinates(image.astype(np.float32), where, order=3, mode="nearest")
+    return np.asarray(np.clip(np.rint(values), 0, 255), np.uint8)
+
+
+def found(clean: Path, leak: Path, factor: float, most: int) -> tuple[bool, PlumeMap]:
+    """Whether a run finds the leak's plume at `factor` of its strength, and its map."""
+    run = clean / "run"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        source = recorded(run, run / "frames")
+        for image_name, index in zip(source.names, source.indices, strict=True):
+            image = cv2.imread(str(run / "frames" / image_name), cv2.IMREAD_GRAYSCALE)
+            displacement = factor * true_displacement(leak, int(index))
+            cv2.imwrite(str(folder / image_name), bent(np.asarray(image, np.uint8), displacement))
+        detector_name = json.loads((run / "map.json").read_text())["detector"]
+        points = load_points(run / "points.npz")
+        if points is None:
+            points = load_points(run / "sfm" / "points.npz")
+        detector = make_detector(detector_name, points_in_world=points)
+        inserted = replace(source, folder=folder)
+        observe(inserted, detector, folder / "detections", most=most, report=silent)
+        plume_map = decide(folder / "detections", inserted, folder / "evidence.npz", seed=0)
+    assert source.trajectory is not None
+    evaluation = evaluate(plume_map, source.trajectory, leak, None)
+    return bool(evaluation.plumes), plume_map
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1001, 1002, 1003, 1004])
+    parser.add_argument("--shares", type=float, nargs="+", default=[0.5, 1.0, 2.0])
+    parser.add_argument("--work", type=Path, default=Path("work/orbit"))
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    most = RunConfig.model_fields["detection_frames"].default
+    for seed in arguments.seeds:
+        clean = arguments.work / f"clean_{seed}"
+        leak = arguments.work / f"1px_1_{seed}"
+        limit_px = PlumeMap.load(clean / "run" / "map.json").detection_limit_px
+        if limit_px is None:
+            print(f"{seed} | no limit stated")
+            continue
+        indices = Trajectory.load(clean / "run" / "trajectory.json").indices.tolist()
+        strength_px = mean_strength_px(leak, indices)
+        for share in arguments.shares:
+            seen, plume_map = found(clean, leak, share * limit_px / strength_px, most)
+            strongest = max((p.evidence_nats for p in plume_map.plumes), default=0.0)
+            print(
+                f"{seed} | stated {limit_px:.2f} px | inserted {share * limit_px:.2f} px | "
+                f"{'found' if seen else 'missed'} | {strongest:.0f} nats",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""What the flights of a survey cost: by one process, by two, and by two of which one is killed.
+
+``python -m benchmarks.scaling CAMPAIGN OUT one|two|killed [FLIGHTS]`` does the first FLIGHTS videos
+of a folder of ``locate simulate`` so; ``python -m benchmarks.scaling OUT`` prints what was done.
+"""
+
+import json
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from locate.plume import PlumeMap
+from locate.survey import engine
+from locate.survey.flights import Fly, Given
+from locate.survey.model import Flight, Settings
+
+WORKERS = {"one": 1, "two": 2, "killed": 2}
+KILLED_IN = "detections 0"
+MIB = 1 << 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured(Fly):
+    """The job, with a line in NOTES for every part begun and done."""
+
+    notes: Path
+
+    def part(self, given: Given, name: str) -> str | None:
+        return self._noted(given, name, lambda: Fly.part(self, given, name))
+
+    def __call__(self, given: Given) -> Flight:
+        return self._noted(given, "end", lambda: Fly.__call__(self, given))
+
+    def _noted(self, given: Given, name: str, work: Callable[[], Any]) -> Any:
+        about = {"flight": given.name, "part": name, "pid": os.getpid()}
+        self._note(about)
+        cpu = time.process_time()
+        answer = work()
+        spent = {
+            "cpu_s": time.process_time() - cpu,
+            "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        }
+        self._note(about | spent)
+        return answer
+
+    def _note(self, line: dict[str, Any]) -> None:
+        with self.notes.open("a") as file:
+            file.write(json.dumps(line) + "\n")
+
+
+def main() -> None:
+    if len(sys.argv) == 2:
+        show(Path(sys.argv[1]))
+        return
+    campaign, out, mode = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
+    videos = sorted((campaign / "videos").glob("*.mkv"))
+    videos = videos[: int(sys.argv[4]) if len(sys.argv) > 4 else 8]
+    folder = (out / mode).resolve()
+    folder.mkdir(parents=True)
+    given = [
+        Given(name=video.stem, source=video.resolve(), folder=folder / video.stem)
+        for video in videos
+    ]
+    settings = Settings(camera=(campaign / "camera.json").resolve())
+    job = Measured(settings=settings, notes=folder / "notes.jsonl")
+    engine.cores = lambda: WORKERS[mode]  # type: ignore[assignment]
+    if mode == "killed":
+        threading.Thread(target=kill_one, args=(job.notes,), daemon=True).start()
+    start = time.perf_counter()
+    flights = [flight for _, flight in engine.map_flights(job, given, engine.LOCAL)]
+    about = {
+        "wall_s": time.perf_counter() - start,
+        "load": os.getloadavg()[0],
+        "failed": {flight.name: flight.failure for flight in flights if flight.failure},
+    }
+    (folder / "about.json").write_text(json.dumps(about))
+    show(out)
+
+
+def kill_one(notes: Path) -> None:
+    """Kills the process that first begins `KILLED_IN`."""
+    while True:
+        for line in read(notes):
+            if line["part"] == KILLED_IN:
+                time.sleep(1.0)
+                os.kill(line["pid"], signal.SIGKILL)
+                return
+        time.sleep(0.1)
+
+
+def read(notes: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in notes.read_text().splitlines()] if notes.exists() else []
+
+
+def show(out: Path) -> None:
+    """Prints what stands in OUT."""
+    maps: dict[str, list[Any]] = defaultdict(list)
+    for mode in WORKERS:
+        folder = out / mode
+        if not (folder / "about.json").exists():
+            continue
+        about, notes = json.loads((folder / "about.json").read_text()), read(folder / "notes.jsonl")
+        done = [line for line in notes if "cpu_s" in line]
+        cpu_s = sum(line["cpu_s"] for line in done)
+        runs = [path.parent for path in sorted(folder.glob("*/map.json"))]
+        for name, why in about["failed"].items():
+            print(f"{mode}: {name} failed: {why}")
+        if not runs:
+            continue
+        size = sum(sum(p.stat().st_size for p in run.rglob("*") if p.is_file()) for run in runs)
+        peak = max(line["peak_bytes"] for line in done)
+        print(
+            f"{mode}: {len(runs)} flights, wall {about['wall_s']:.0f} s at a load of "
+            f"{about['load']:.1f}, {cpu_s / len(runs):.1f} CPU s a flight, parts begun "
+            f"{len(notes) - len(done)} done {len(done)}, largest process {peak / MIB:.0f} MiB, "
+            f"{size / len(runs) / MIB:.1f} MiB a run folder"
+        )
+        for run in runs:
+            maps[run.name].append(PlumeMap.load(run / "map.json").to_dict())
+        if mode == "one":
+            stages(runs)
+    same = [all(one == each[0] for one in each) for each in maps.values()]
+    print(f"same map however it was made: {sum(same)} of {len(same)} flights")
+
+
+def stages(runs: list[Path]) -> None:
+    """CPU s of each stage, from the run folders of one process."""
+    spent: dict[str, float] = defaultdict(float)
+    frames = 0
+    for run in runs:
+        for line in read(run / "log.jsonl"):
+            if "cpu_s" in line:
+                spent[line["stage"]] += line["cpu_s"]
+        frames += len(json.loads((run / "frames" / "index.json").read_text())["frames"])
+    total = sum(spent.values())
+    parts = ", ".join(f"{name} {cpu_s / len(runs):.1f}" for name, cpu_s in spent.items())
+    print(f"  CPU s a flight: {parts}; {total / frames:.2f} a frame of {frames}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""Fusion of flights alone, over many made-up campaigns: no video, no detector.
+
+    python benchmarks/survey_fusion.py --campaigns 200 --first 1000
+
+Eight flights over 80 m by 80 m with six sites at least 8 m apart. A column stands at a site with a
+probability of its own, 1 m (1 sigma) about it and 6 m downwind per unit of lean. A flight sees a
+standing column with probability 0.8, 0.5 m off on each axis, and 0.2 columns that are not there;
+its frame is off by 2 m east and north, 4 m up, 0.2 degrees and 0.2 %.
+"""
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.arrays import BoolArray, FloatArray
+from geometry.georeference.constraints import point_jacobian
+from geometry.similarity import Similarity
+from locate.evaluate.plumes import pairs
+from locate.plume import Plume
+from locate.survey.associate import associate
+from locate.survey.evaluate import GATE_M
+from locate.survey.frame import Offset, Seen
+from locate.survey.occurrence import hotspot_posterior
+
+FLIGHTS, SITES, SIZE_M, APART_M = 8, 6, 80.0, 8.0
+OWN_M, WANDER_M, DRIFT_M, LEAN = 0.5, 1.0, 6.0, 0.2
+DETECTED, INVENTED = 0.8, 0.2
+OFFSET_SIGMAS = np.array([0.0035, 0.0035, 0.0035, 2.0, 2.0, 4.0, 0.002])
+STILL = Similarity(scale=1.0, rotation=np.eye(3), translation=np.zeros(3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """One campaign: sites, how likely each is, what stood, what was seen."""
+
+    sites: FloatArray
+    chance: FloatArray
+    stood: BoolArray
+    leans: FloatArray
+    offsets: list[Offset]
+    seen: list[Seen]
+    site_of: FloatArray
+
+
+def main(campaigns: int, first: int) -> None:
+    results = [judge(draw(np.random.default_rng(first + i))) for i in range(campaigns)]
+    total = {key: np.concatenate([result[key] for result in results]) for key in results[0]}
+    print(f"{campaigns} campaigns, {FLIGHTS} flights, {SITES} sites")
+    print(f"sites where a column was seen  {total['found'].size}")
+    print(f"  found within {GATE_M:g} m            {100 * total['found'].mean():.1f} %")
+    print(f"  by one flight, mean          {100 * total['alone'].mean():.1f} %")
+    print(f"false hotspots a campaign      {total['false'].mean():.2f}")
+    print(f"  of them seen more than once  {total['false_twice'].mean():.2f}")
+    print(f"invented sightings a campaign  {total['invented'].mean():.2f}")
+    print(f"error of a hotspot, median     {np.median(total['error']):.2f} m")
+    print(f"error of a sighting, median    {np.median(total['single']):.2f} m")
+    print(f"NEES/dof, mean and median      {total['nees'].mean() / 2:.2f}, "
+          f"{np.median(total['nees']) / 1.386:.2f}")  # fmt: skip
+    print(f"drift, error over sigma, rms   {np.sqrt((total['drift'] ** 2).mean()):.2f}")
+    print(f"occurrence said minus true     {total['said'].mean():+.3f}")
+    print(f"  90 % intervals that hold it  {100 * total['inside'].mean():.1f} %")
+
+
+def draw(rng: np.random.Generator) -> Drawn:
+    sites = np.zeros((0, 3))
+    while len(sites) < SITES:
+        site = np.append(rng.uniform(-SIZE_M / 2, SIZE_M / 2, 2), 0.0)
+        if not len(sites) or np.linalg.norm(sites - site, axis=1).min() > APART_M:
+            sites = np.vstack([sites, site])
+    chance = rng.uniform(0.2, 0.9, SITES)
+    stood = rng.uniform(size=(FLIGHTS, SITES)) < chance
+    leans = rng.normal(0, LEAN, (FLIGHTS, 2))
+    leans -= leans.mean(axis=0)
+    offsets, seen, site_of = [], [], []
+    for flight in range(FLIGHTS):
+        offsets.append(
+            Offset(
+                flight=str(flight),
+                survey_from_flight=STILL,
+                covariance=np.diag(OFFSET_SIGMAS**2),
+            )
+        )
+        off = OFFSET_SIGMAS * rng.normal(size=7)
+        for k in np.flatnonzero(stood[flight] & (rng.uniform(size=SITES) < DETECTED)):
+            foot = sites[k].copy()
+            foot[:2] += rng.normal(0, WANDER_M, 2) + DRIFT_M * leans[flight]
+            seen.append(_sighting(flight, foot, off, rng))
+            site_of.append(k)
+        for _ in range(rng.poisson(INVENTED)):
+            place = np.append(rng.uniform(-SIZE_M / 2, SIZE_M / 2, 2), 0.0)
+            seen.append(_sighting(flight, place, off, rng))
+            site_of.append(-1)
+    return Drawn(
+        sites=sites, chance=chance, stood=stood, leans=leans, offsets=offsets, seen=seen,
+        site_of=np.array(site_of),
+    )  # fmt: skip
+
+
+def _sighting(flight: int, foot: FloatArray, off: FloatArray, rng: np.random.Generator) -> Seen:
+    moved = foot + point_jacobian(foot[None])[0] @ off + rng.normal(0, OWN_M, 3)
+    return Seen(
+        flight=flight, plume=_plume(moved), position=moved, own=OWN_M**2 * np.eye(3),
+        by_offset=point_jacobian(moved[None])[0], axis=np.array([0.0, 0.0, 1.0]),
+    )  # fmt: skip
+
+
+def _plume(source: FloatArray) -> Plume:
+    return Plume(
+        id=1, source=source, source_covariance=np.eye(3), axis=np.array([0.0, 0.0, 1.0]),
+        axis_sigma_rad=0.02, extent_low=0.0, extent_high=10.0, radius_by_height=np.zeros((0, 2)),
+        evidence_nats=30.0, probability=0.99, views=(), displacement_px=0.5,
+    )  # fmt: skip
+
+
+def judge(drawn: Drawn) -> dict[str, FloatArray]:
+    fused = associate(drawn.seen, drawn.offsets, drawn.leans, wander_m=WANDER_M, area_m2=SIZE_M**2)
+    solved, counts = fused.solved, np.bincount(fused.hotspot_of)
+    visible = np.unique(drawn.site_of[drawn.site_of >= 0]).astype(int)
+    apart = np.linalg.norm((drawn.sites[visible][:, None] - solved.positions)[..., :2], axis=-1)
+    paired = [(int(visible[i]), k) for i, k in pairs(apart, np.array(GATE_M))]
+    errors = [(solved.positions[k] - drawn.sites[i])[:2] for i, k in paired]
+    answers = [hotspot_posterior(FLIGHTS, int(counts[k]), known_by_sight=True) for _, k in paired]
+    chance = DETECTED * drawn.chance[[i for i, _ in paired]]
+    false = [k for k in range(len(counts)) if k not in {k for _, k in paired}]
+    single = [
+        np.linalg.norm((one.position - drawn.sites[int(k)])[:2])
+        for one, k in zip(drawn.seen, drawn.site_of, strict=True)
+        if k >= 0
+    ]
+    return {
+        "found": np.isin(visible, [i for i, _ in paired]).astype(float),
+        "alone": np.array([(drawn.site_of >= 0).sum() / FLIGHTS / len(visible)]),
+        "false": np.array([float(len(false))]),
+        "false_twice": np.array([float((counts[false] > 1).sum())]),
+        "invented": np.array([float((drawn.site_of < 0).sum())]),
+        "error": np.linalg.norm(errors, axis=1),
+        "single": np.array(single),
+        "nees": np.array([
+            error @ np.linalg.solve(solved.covariances[k][:2, :2], error)
+            for error, (_, k) in zip(errors, paired, strict=True)
+        ]),
+        "drift": np.array([(solved.common.drift_m - DRIFT_M) / solved.common.drift_sigma_m]),
+        "said": np.array([mean for mean, _, _ in answers]) - chance,
+        "inside": np.array([
+            float(low <= true <= high)
+            for (_, low, high), true in zip(answers, chance, strict=True)
+        ]),
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--campaigns", type=int, default=200)
+    parser.add_argument("--first", type=int, default=1000)
+    arguments = parser.parse_args()
+    main(arguments.campaigns, arguments.first)

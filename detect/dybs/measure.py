@@ -1,0 +1,124 @@
+"""What physics can say of one frame, as channels for the network that judges it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from detect.dybs.demodulation import demodulated
+from detect.dybs.edges import straightness
+from detect.synthesis.dataset import SHARD_SAMPLES, Shard, read_index, shards_in, write_index
+from detect.texture import Classes, Texture, texture_classes
+from geometry.arrays import FloatMap, GreyImage
+
+CHANNELS = 12
+VECTORS, TENSOR = ((0, 1), (2, 3), (4, 5), (6, 7)), (8, 9, 10)
+"""Which channels turn with the image."""
+SMALL_PX = 0.1
+SIGNIFICANT, CERTAIN = 3.0, 5.0
+"""Scales that bring channels to about unit size."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What waves and edges say, at half the image's resolution.
+
+    Attributes:
+        displacement: (H/2, W/2, 2) px, x right, y down; across lines or edges alone where there is
+            no other direction.
+        own: (H/2, W/2, 2) the same, of edges off their own lines alone.
+        information: (H/2, W/2, 3) xx, xy and yy of the inverse covariance, 1 / px^2; 0 where
+            nothing is known.
+        length: (H/2, W/2) of the edges, 1 at 128 px; 0 for waves.
+        lattice: (H/2, W/2) where waves speak.
+    """
+
+    displacement: FloatMap
+    own: FloatMap
+    information: FloatMap
+    length: FloatMap
+    lattice: np.ndarray
+
+    @property
+    def certainty(self) -> FloatMap:
+        """(H/2, W/2) trace of the information."""
+        return np.asarray(self.information[..., 0] + self.information[..., 2])
+
+
+def measure(image: GreyImage, texture: Classes) -> Measured:
+    """Measures the waves of an image and, where there are none, its straight edges.
+
+    Args:
+        image: (H, W) grey values.
+        texture: (H, W) of `Texture`; an image without `LATTICE` and `STRAIGHT` is not looked at.
+    """
+    waves = demodulated(image, texture == Texture.LATTICE)
+    lattice = waves[..., 2] + waves[..., 4] > 0
+    half = texture[::2, ::2]
+    maps = np.zeros((*waves.shape[:2], 8), np.float32)
+    if ((half == Texture.STRAIGHT) | ((half == Texture.LATTICE) & ~lattice)).any():
+        maps = straightness(image)
+    nothing = np.zeros_like(waves[..., :1])
+    maps[lattice] = np.concatenate([waves[..., :2], waves, nothing], axis=-1)[lattice]
+    return Measured(
+        displacement=maps[..., :2],
+        own=maps[..., 2:4],
+        information=maps[..., 4:7],
+        length=maps[..., 7],
+        lattice=lattice,
+    )
+
+
+def channels(measured: Measured) -> FloatMap:
+    """(C, H/2, W/2) of about unit size: displacements, significance, information, length."""
+    total = measured.certainty[..., None]
+    displacements = np.concatenate([measured.displacement, measured.own], axis=-1)
+    parts = [
+        np.arcsinh(displacements / SMALL_PX),
+        np.arcsinh(displacements * np.sqrt(total)) / SIGNIFICANT,
+        measured.information / (total + 1e-9) * np.log1p(total * SMALL_PX**2) / CERTAIN,
+        measured.length[..., None],
+    ]
+    planes = np.moveaxis(np.concatenate(parts, axis=-1), -1, 0)
+    return np.ascontiguousarray(planes, dtype=np.float32)
+
+
+def measured_shard(shard: Shard) -> Shard:
+    """The shard's samples as channels, truth and masks at half resolution."""
+    planes = [channels(measure(image, texture_classes(image))) for image in shard.images]
+    truth = [cv2.resize(d.astype(np.float32), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+             for d in shard.displacements]  # fmt: skip
+    return Shard(
+        images=np.moveaxis(np.stack(planes), 1, -1).astype(np.float16),
+        displacements=np.stack(truth).astype(np.float16),
+        masks=shard.masks[:, ::2, ::2],
+        families=shard.families,
+    )
+
+
+def measure_samples(samples: Path, folder: Path, count: int | None = None) -> Iterator[float]:
+    """Writes the channels of the first samples of a folder, in whole shards, into another.
+
+    Shards that stand there are kept.
+
+    Args:
+        samples: As `detect.synthesis.render_dataset` writes them.
+        folder: Made where it is missing.
+        count: How many; all that are there if left out.
+
+    Yields:
+        The share that is done.
+
+    Raises:
+        BadInputError: A folder cannot be read or written.
+    """
+    write_index(folder, read_index(samples) | {"channels": CHANNELS})
+    numbers = range(len(list(samples.glob("shard_*.npz"))))
+    wanted = numbers if count is None else numbers[: -(-count // SHARD_SAMPLES)]
+    for number, shard in zip(wanted, shards_in(samples), strict=False):
+        path = folder / f"shard_{number:05d}.npz"
+        if not path.exists():
+            measured_shard(shard).save(path)
+        yield (number + 1) / len(wanted)

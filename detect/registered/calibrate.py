@@ -1,0 +1,127 @@
+"""Teaches a network over registered neighbours what its scores are worth.
+
+    python -m detect.registered.calibrate NETWORK.onnx --lessons FOLDER [--seeds FIRST END]...
+
+FOLDER holds lessons of scenes that the network was not trained on. The file is written anew with
+the calibration in its metadata. Needs the `onnx` package (extra `train`).
+"""
+
+import argparse
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from detect.calibration import Calibration
+from detect.registered.learned import CLASS_NAMES, SCORES, Opinion, Reader
+from detect.registered.lessons import Lesson, lesson_paths, seed_of
+from geometry.arrays import BoolArray, FloatMap
+from geometry.errors import BadInputError, LocateError
+
+THINNED = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Read:
+    """A frame of a lesson as a network reads it.
+
+    Attributes:
+        opinion: The network's.
+        inputs: (C, H, W) what it read.
+        truth: (H, W, 2) px.
+        positive: (H, W) where there is plume.
+        counts: (H, W) where a pixel is one or the other, and anything was measured.
+    """
+
+    opinion: Opinion
+    inputs: FloatMap
+    truth: FloatMap
+    positive: BoolArray
+    counts: BoolArray
+
+
+def read_lesson(reader: Reader, lesson: Lesson) -> Iterator[Read]:
+    """Its frames."""
+    plume_px, still_px = lesson.limits_px
+    for inputs, truth in zip(lesson.inputs, lesson.visible_displacements(), strict=True):
+        opinion = reader.read(inputs.astype(np.float32))
+        size_px = np.linalg.norm(truth.astype(np.float32), axis=-1)
+        yield Read(
+            opinion=opinion,
+            inputs=inputs,
+            truth=truth.astype(np.float32),
+            positive=size_px > plume_px,
+            counts=((size_px > plume_px) | (size_px < still_px)) & opinion.measured,
+        )
+
+
+def fitted(weights: Path, lessons: Iterable[Lesson]) -> Calibration:
+    """The calibration on lessons, every `THINNED`-th row and column of their frames."""
+    reader = Reader(weights)
+    thin = (slice(None, None, THINNED),) * 2
+    parts = []
+    for lesson in lessons:
+        for read in read_lesson(reader, lesson):
+            counts = read.counts[thin]
+            opinion = read.opinion
+            columns = opinion.scores[thin], read.positive[thin], opinion.places[thin]
+            parts.append([column[counts] for column in columns])
+    scores, labels, places = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Calibration.fit(
+        scores.astype(float), labels, places, score_names=SCORES, class_names=CLASS_NAMES
+    )
+
+
+def calibrate(weights: Path, lessons: Iterable[Lesson]) -> Calibration:
+    """Fits a network's calibration and writes it into its file.
+
+    Args:
+        weights: The .onnx file, which is replaced.
+        lessons: That neither the network was trained nor any figure is quoted on.
+
+    Raises:
+        BadInputError: The file is not a network over registered neighbours.
+    """
+    from detect.learning.export import annotate
+
+    calibration = fitted(weights, lessons)
+    annotate(weights, {"calibration": json.dumps(calibration.to_plain())})
+    return calibration
+
+
+def chosen(folders: Sequence[Path], spans: Sequence[tuple[int, int]]) -> list[Path]:
+    """The lessons of folders; where spans of seeds (first, after last) are given, only those.
+
+    Raises:
+        BadInputError: There are none.
+    """
+    paths = [path for folder in folders for path in lesson_paths(folder)]
+    if spans:
+        seeds = {seed for span in spans for seed in range(*span)}
+        paths = [path for path in paths if seed_of(path) in seeds]
+    if not paths:
+        raise BadInputError(f"{', '.join(map(str, folders))}: no lessons; render some")
+    return paths
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("network", type=Path)
+    parser.add_argument("--lessons", type=Path, nargs="+", required=True)
+    parser.add_argument("--seeds", type=int, nargs=2, action="append", default=[])
+    options = parser.parse_args(arguments)
+    try:
+        paths = chosen(options.lessons, options.seeds)
+        paths = [*paths[::2], *paths[1::2]]  # each half is judged by the other: all kinds in both
+        calibration = calibrate(options.network, map(Lesson.load, paths))
+    except LocateError as error:
+        parser.exit(error.exit_code, f"{error}\n")
+    for name in CLASS_NAMES:
+        print(f"{options.network.name}, {name}: {calibration.scales.get(name) or 'silent'}")
+
+
+if __name__ == "__main__":
+    main()

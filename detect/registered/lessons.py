@@ -1,0 +1,96 @@
+"""What the learned registered detector learns from: features of frames, and the truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.synthesis.archive import open_arrays, save_arrays
+from geometry.arrays import BoolArray
+
+PLUME_SHARE = 0.3
+LEAST_PLUME_PX, STILL_PX = 0.02, 0.01
+KINDS = ("plume-free", "faint", "weak", "strong")
+STRENGTHS_PX = (0.0, 0.15, 0.5)
+"""Amplitudes up to which a lesson is of the first kinds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lesson:
+    """K key frames of one scene.
+
+    Attributes:
+        inputs: (K, C, H, W) float16, the channels of `detect.registered.features`.
+        displacements: (K, H, W, 2) float16, px, true.
+        surface: (K, H, W) false in the sky, where nothing can be displaced.
+        amplitude_px: 95th percentile of |w| over the plume; 0 without one.
+    """
+
+    inputs: NDArray[np.float16]
+    displacements: NDArray[np.float16]
+    surface: BoolArray
+    amplitude_px: float
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    @property
+    def kind(self) -> int:
+        """Index into `KINDS`, by the plume's strength."""
+        return int(np.searchsorted(STRENGTHS_PX, self.amplitude_px))
+
+    @property
+    def limits_px(self) -> tuple[float, float]:
+        """Displacements above the first are plume, below the second none, between neither.
+
+        What is much weaker than the plume itself nobody is asked to see.
+        """
+        return max(PLUME_SHARE * self.amplitude_px, LEAST_PLUME_PX), STILL_PX
+
+    def visible_displacements(self) -> NDArray[np.float16]:
+        """(K, H, W, 2) px, 0 in the sky."""
+        return np.where(self.surface[..., None], self.displacements, np.float16(0))
+
+    def save(self, path: Path) -> None:
+        """Writes all or nothing."""
+        save_arrays(
+            path,
+            inputs=self.inputs,
+            displacements=self.displacements,
+            surface=np.packbits(self.surface, axis=-1),
+            amplitude_px=np.array(self.amplitude_px),
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads what `save` wrote.
+
+        Raises:
+            BadInputError: The file is missing or broken.
+        """
+        with open_arrays(path, "a lesson") as file:
+            inputs = file["inputs"]
+            surface = np.unpackbits(file["surface"], axis=-1, count=inputs.shape[-1])
+            return cls(
+                inputs=inputs,
+                displacements=file["displacements"],
+                surface=surface.astype(bool),
+                amplitude_px=float(file["amplitude_px"]),
+            )
+
+
+def lesson_path(folder: Path, seed: int) -> Path:
+    """Where the lesson of a seed stands."""
+    return folder / f"lesson_{seed:06d}.npz"
+
+
+def lesson_paths(folder: Path) -> list[Path]:
+    """The lessons of a folder, in order."""
+    return sorted(folder.glob("lesson_*.npz"))
+
+
+def seed_of(path: Path) -> int:
+    """The seed of a lesson, by its name."""
+    return int(path.stem.removeprefix("lesson_"))

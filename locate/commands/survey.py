@@ -1,0 +1,102 @@
+"""`locate survey`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from locate.commands.console import Verbose, Weights, err, out
+from locate.config import DetectorName
+from locate.journal import interruptible, journal, progress_bars, silent
+
+
+def survey(
+    output: Annotated[
+        str, typer.Option("-o", "--output", help="The folder to write; may be s3:// and the like.")
+    ],
+    flights: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Videos, folders of photos, or finished run folders; may be s3:// and the like."
+        ),
+    ] = None,
+    detector: Annotated[
+        DetectorName | None, typer.Option(help="As of locate run, for every flight.")
+    ] = None,
+    weights: Weights = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="As of locate run; one camera for every flight.")
+    ] = None,
+    focal: Annotated[
+        float | None, typer.Option(min=1e-6, help="Focal length in px of the flights' frames.")
+    ] = None,
+    max_frames: Annotated[
+        int | None, typer.Option(min=2, help="The most frames to use of each flight.")
+    ] = None,
+    cell: Annotated[
+        float | None, typer.Option(min=1e-2, help="Edge of a cell of the ground in m.")
+    ] = None,
+    displacement: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-3,
+            help="A look counts where a column of this mean displacement in px would be found; "
+            "the median sighting's if left out.",
+        ),
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(min=1e-3, help="Radius of that column in m; likewise.")
+    ] = None,
+    height: Annotated[
+        float | None, typer.Option(min=1e-3, help="Height of that column in m; likewise.")
+    ] = None,
+    wander: Annotated[
+        float | None,
+        typer.Option(min=0, help="How far (m, 1 sigma) columns stand from their hotspot."),
+    ] = None,
+    scheduler: Annotated[
+        str, typer.Option(help="Address of a Dask scheduler, or all cores of this machine.")
+    ] = "local",
+    verbose: Verbose = False,
+) -> None:
+    """Join many flights to one updraft map; add flights to one that stands."""
+    from locate.survey.build import SURVEY
+    from locate.survey.build import survey as join
+    from locate.survey.model import Settings, Survey
+    from locate.survey.storage import fetched, mirrored
+    from locate.survey.table import survey_table
+
+    asked = {
+        "detector": detector,
+        "weights": None if weights is None else weights.resolve(),
+        "camera": None if camera is None else camera.resolve(),
+        "focal_px": focal,
+        "max_frames": max_frames,
+        "cell_m": cell,
+        "displacement_px": displacement,
+        "radius_m": radius,
+        "height_m": height,
+        "wander_m": wander,
+    }
+    given = {name: value for name, value in asked.items() if value is not None}
+    with (
+        interruptible(),
+        mirrored(output, scheduler) as folder,
+        progress_bars(err) as report,
+    ):
+        path = folder / SURVEY
+        before = Survey.load(path).settings if path.exists() else Settings()
+        folder.mkdir(parents=True, exist_ok=True)
+        with journal(folder / "log.jsonl", console=err if verbose else None):
+            done = join(
+                fetched(flights or [], folder, scheduler),
+                folder,
+                settings=before.model_copy(update=given),
+                scheduler=scheduler,
+                report=silent if verbose else report,
+            )
+    out.print(survey_table(done))
+    for note in done.notes:
+        out.print(f"- {note}")
+    out.print(f"\nMap:    {output}/map.html", soft_wrap=True)
+    out.print(f"Survey: {output}/{SURVEY}", soft_wrap=True)

@@ -1,0 +1,60 @@
+"""What a locator finds, on the topics that every transport has."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from locate.robot.messages import Messages
+from locate.robot.tracks import State, Update
+
+MARKERS, POINTS = "markers", "points"
+TYPES = {
+    MARKERS: "visualization_msgs/msg/MarkerArray",
+    POINTS: "sensor_msgs/msg/PointCloud2",
+}
+LEAK_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+Send = Callable[[str, Any, int], object]
+
+
+def type_of(name: str) -> str:
+    """The message type of a topic by its name below the node's: markers, points or leak_N."""
+    return TYPES.get(name, LEAK_TYPE)
+
+
+class Announcer:
+    """Keeps the latest of every plume, and tells it.
+
+    Args:
+        messages: Builds the messages of the transport.
+        send: Takes a topic's name below the node's, a message and its stamp, ns.
+
+    Attributes:
+        known: The latest of every plume, by id.
+    """
+
+    def __init__(self, messages: Messages, send: Send) -> None:
+        self.known: dict[int, Update] = {}
+        self._messages = messages
+        self._send = send
+
+    def tell(self, news: Sequence[Update]) -> None:
+        """Tells what has become known, if anything has: the whole picture, and each leak."""
+        if not news:
+            return
+        latest = {update.plume.id: update for update in news}
+        self.known |= latest
+        self.tell_all(max(update.stamp_ns for update in news))
+        for number, update in latest.items():
+            if update.state == State.CONFIRMED:
+                self._send(f"leak_{number}", self._messages.source(update), update.stamp_ns)
+
+    def tell_all(self, stamp_ns: int) -> None:
+        """Tells the whole picture again."""
+        everything = [self.known[number] for number in sorted(self.known)]
+        self._send(MARKERS, self._messages.markers(everything, stamp_ns), stamp_ns)
+        self._send(POINTS, self._messages.cloud(everything, stamp_ns), stamp_ns)
+
+    def forget(self, stamp_ns: int) -> None:
+        """Tells that nothing is known any more."""
+        self.known.clear()
+        self.tell_all(stamp_ns)

@@ -1,0 +1,176 @@
+"""A robot's recording for `locate run`: its frames, its camera, and a pose for every frame."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from geometry.arrays import GreyImage
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from geometry.named_poses import NamedPoses
+from locate.config import RunConfig
+from locate.robot.bags import BagTopics, Topics, is_bag, opened
+from locate.robot.codec import GreyReader, camera_from_info, stamp_ns
+from locate.robot.poses import NS, PoseBuffer, StampedPose, as_trajectory
+from locate.robot.wiring import Poser, Wiring
+from locate.video import Recording
+
+PENDING_NS = 10 * NS
+BAG_OPTIONS = ("image_topic", "pose_topic", "world_frame")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagRecording:
+    """A bag, read as often as asked; a frame's name is its stamp in ns.
+
+    Attributes:
+        path: The bag.
+        topics: Those asked for; what is not there is done without.
+        wiring: How the robot's frames hang together.
+    """
+
+    path: Path
+    topics: Topics = field(default_factory=Topics)
+    wiring: Wiring = field(default_factory=Wiring)
+
+    def recording(self, *, max_side: int) -> Recording:
+        """The frames, as those of a video.
+
+        Args:
+            max_side: Longer images are reduced to this many px on the longest side.
+
+        Raises:
+            BadInputError: It is no bag, or holds no images that can be read.
+        """
+        first = next(self._images([]), None)
+        if first is None:
+            raise BadInputError(f"{self.path}: not one image of this bag can be read")
+        height, width = first[2].shape
+        factor = min(1.0, max_side / max(height, width))
+        warnings: list[str] = []
+        return Recording(
+            path=self.path,
+            photos=(),
+            width=round(width * factor),
+            height=round(height * factor),
+            source_width=width,
+            source_height=height,
+            focal=None,
+            warnings=warnings,
+            read=lambda: self._images(warnings),
+        )
+
+    @cached_property
+    def camera(self) -> Camera | None:
+        """By the first camera_info that can be used; None where there is none."""
+        with opened(self.path) as reader:
+            topics = BagTopics(reader, self.path, self.topics, whole=False)
+            for _, _, message in topics.messages([topics.info] if topics.info else [], _pass):
+                try:
+                    return camera_from_info(message, rectified=self.wiring.rectified)
+                except BadInputError:
+                    continue
+        return None
+
+    def poses(self, camera: Camera | None) -> NamedPoses | None:
+        """Where the camera was at each image that has a pose; None where no topic says so.
+
+        Args:
+            camera: That took them; None where it is not known.
+
+        Raises:
+            BadInputError: The topic does not say where the camera was at any of them, or the
+                camera is missing.
+        """
+        with opened(self.path) as reader:
+            topics = BagTopics(reader, self.path, self.topics, whole=False)
+            if topics.pose is None:
+                return None
+            if camera is None:
+                raise BadInputError(f"{self.path}: holds poses and no camera_info; give --camera")
+            search = _Search(topics.wired(self.wiring))
+            found = {pose.stamp_ns: pose for pose in search.run(topics)}
+        if not found:
+            why = search.refusal or f"TF does not lead from the images to {self.wiring.world_frame}"
+            raise BadInputError(f"{self.path}: no image has a pose ({why}); see --pose-topic")
+        poses = [found[stamp] for stamp in sorted(found)]
+        return NamedPoses(
+            trajectory=as_trajectory(poses, range(len(poses)), camera),
+            names=tuple(str(pose.stamp_ns) for pose in poses),
+            path=self.path,
+        )
+
+    def _images(self, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
+        """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""
+        grey = GreyReader()
+        start_ns: int | None = None
+        with opened(self.path) as reader:
+            topics = BagTopics(reader, self.path, self.topics, whole=False)
+            for _, _, message in topics.messages([topics.image], _pass):
+                try:
+                    image, stamp = grey.read(message), stamp_ns(message.header)
+                except BadInputError as error:
+                    if not warnings:
+                        warnings.append(f"{self.path.name}: not every image can be read ({error})")
+                    continue
+                start_ns = stamp if start_ns is None else start_ns
+                yield (stamp - start_ns) / NS, str(stamp), image
+
+
+class _Search:
+    """Finds the poses of images while a bag is played."""
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.refusal = ""
+        self._poser = Poser(wiring)
+        self._poses = PoseBuffer()
+        self._by_tf = wiring.pose_source == "tf"
+        self._pending: list[int] = []
+
+    def run(self, topics: BagTopics) -> Iterator[StampedPose]:
+        transforms = topics.transforms
+        for topic, _, message in topics.messages([t for t in transforms if transforms[t]], _pass):
+            self._poser.tree.add(message.transforms, static=transforms[topic])
+        poses = [] if self._by_tf or topics.pose is None else [topics.pose]
+        for topic, _, message in topics.messages([topics.image, *transforms, *poses], _pass):
+            if topic == topics.image:
+                self._poser.camera_frame = self._poser.camera_frame or message.header.frame_id
+                self._pending.append(stamp_ns(message.header))
+            elif topic in transforms:
+                self._poser.tree.add(message.transforms, static=transforms[topic])
+            else:
+                self._add(message)
+            yield from self._found()
+
+    def _add(self, message: Any) -> None:
+        try:
+            self._poses.add(self._poser.by_message(message))
+        except BadInputError as error:
+            self.refusal = str(error)
+
+    def _found(self) -> Iterator[StampedPose]:
+        for stamp in list(self._pending):
+            pose = self._poser.by_tf(stamp) if self._by_tf else self._poses.at(stamp)
+            if pose is not None:
+                yield pose
+            if pose is not None or stamp < self._pending[-1] - PENDING_NS:
+                self._pending.remove(stamp)
+
+
+def bag_of(config: RunConfig) -> BagRecording | None:
+    """The bag that a run is asked to read; None where the recording is none."""
+    if not is_bag(config.recording):
+        asked = [name for name in BAG_OPTIONS if getattr(config, name) is not None]
+        if asked:
+            option = f"--{asked[0].replace('_', '-')}"
+            raise BadInputError(f"{config.recording}: is no bag; leave {option} out")
+        return None
+    topics = Topics(image=config.image_topic, pose=config.pose_topic)
+    wiring = Wiring() if config.world_frame is None else Wiring(world_frame=config.world_frame)
+    return BagRecording(path=config.recording, topics=topics, wiring=wiring)
+
+
+def _pass(_what: str, _error: BadInputError) -> None:
+    """A message that cannot be decoded is left out."""

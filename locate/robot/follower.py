@@ -1,0 +1,154 @@
+"""A fixed-lag smoother: what a new view sees of a known plume, joined with the last views at once.
+
+Searching a window takes seconds. Between two searches the axis of a plume that the last one found
+is sighted in every new view, and the linear graph of the last views is solved again, with the sway
+that the search found; see `locate.fusion.graph`. Cost and memory depend on the window alone.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from geometry.arrays import FloatArray
+from locate.fusion.axis import AxisSightings, sight_axis
+from locate.fusion.column import Z
+from locate.fusion.graph import AxisEstimate, estimate_axis
+from locate.fusion.sway import Sway
+from locate.fusion.views import Views
+from locate.plume import Plume
+from locate.robot.drift import SharedError
+from locate.robot.poses import StampedPose, as_trajectory
+from locate.robot.tracks import as_column
+
+LEAST_VARIANCE_SHARE = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Glimpse:
+    """What one view saw of the axis.
+
+    Attributes:
+        number: Of the key frame.
+        pose: Of the camera, with what is its own of its covariance.
+        sightings: Of the axis, if any.
+    """
+
+    number: int
+    pose: StampedPose
+    sightings: AxisSightings
+
+
+class Follower:
+    """Follows one plume from the search that found it until the next.
+
+    Args:
+        plume: As the search found it; its covariance without the error that all views share.
+        views: Those of the search.
+        poses: Theirs.
+        shared: The error that they share.
+        most: How many views are kept.
+
+    Attributes:
+        shared: As given.
+        unit: The yardstick of fusion, m.
+    """
+
+    def __init__(
+        self,
+        plume: Plume,
+        views: Views,
+        poses: Sequence[StampedPose],
+        shared: SharedError,
+        *,
+        most: int,
+    ) -> None:
+        self._plume = plume
+        self.shared = shared
+        self.unit = views.unit
+        self._camera = views.trajectory.camera
+        self._column = as_column(plume)
+        self._height = float(plume.source[2] - self._column[Z])
+        self._glimpses: deque[Glimpse] = deque(maxlen=most)
+        seen = sight_axis(views, self._column)
+        for row, pose in enumerate(shared.taken_out(poses)):
+            number = int(views.trajectory.indices[row])
+            part = _taken(seen, seen.view == row)
+            self._glimpses.append(Glimpse(number=number, pose=pose, sightings=part))
+        first = estimate_axis(views.trajectory, self._column, seen, self.unit, origin=self._height)
+        self._sway = None if first is None else first.sway
+        self._first = self._estimate()
+
+    def add(self, number: int, pose: StampedPose, view: Views) -> Plume | None:
+        """Takes the next view; the plume as it is now, None where this view does not show it.
+
+        Args:
+            number: Of the key frame.
+            pose: Where it was taken.
+            view: Its evidence: one row.
+        """
+        seen = sight_axis(view, self._column)
+        if self._first is None or not len(seen):
+            return None
+        (own,) = self.shared.taken_out([pose])
+        self._glimpses.append(Glimpse(number=number, pose=own, sightings=seen))
+        now = self._estimate()
+        return None if now is None else self._moved(self._first, now)
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Numbers of the first and the last view behind it."""
+        return self._glimpses[0].number, self._glimpses[-1].number
+
+    def _estimate(self) -> AxisEstimate | None:
+        if self._sway is None:
+            return None
+        glimpses = list(self._glimpses)
+        trajectory = as_trajectory(
+            [glimpse.pose for glimpse in glimpses],
+            [glimpse.number for glimpse in glimpses],
+            self._camera,
+        )
+        seen = _joined([glimpse.sightings for glimpse in glimpses], trajectory.times_s)
+        sway: Sway = self._sway.again(seen, self._height, self.unit)
+        return estimate_axis(
+            trajectory, self._column, seen, self.unit, origin=self._height, sway=sway
+        )
+
+    def _moved(self, first: AxisEstimate, now: AxisEstimate) -> Plume:
+        """The plume, moved and made surer or less sure as its axis was since the search."""
+        before, covariance_before = first.at(self._height)
+        after, covariance_after = now.at(self._height)
+        rest = _positive(self._plume.source_covariance - covariance_before)
+        views = {*self._plume.views, *(g.number for g in self._glimpses if len(g.sightings))}
+        return replace(
+            self._plume,
+            source=self._plume.source + after - before,
+            source_covariance=covariance_after + rest,
+            axis=now.direction,
+            axis_sigma_rad=now.direction_sigma_rad,
+            views=tuple(sorted(views)),
+        )
+
+
+def _taken(sightings: AxisSightings, rows: np.ndarray) -> AxisSightings:
+    parts = {field.name: getattr(sightings, field.name)[rows] for field in fields(sightings)}
+    return AxisSightings(**parts)
+
+
+def _joined(parts: Sequence[AxisSightings], times_s: FloatArray) -> AxisSightings:
+    """The sightings of several views as one; each view's row is its place among the parts."""
+    view = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    whole = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts])
+        for field in fields(AxisSightings)
+    }
+    return AxisSightings(**{**whole, "view": view, "time_s": times_s[view]})
+
+
+def _positive(covariance: FloatArray) -> FloatArray:
+    """The nearest covariance whose variances are not below a small share of the largest."""
+    values, vectors = np.linalg.eigh(covariance)
+    least = max(float(values[-1]), 1e-12) * LEAST_VARIANCE_SHARE
+    return np.asarray(vectors * np.maximum(values, least) @ vectors.T)

@@ -1,0 +1,115 @@
+"""A take: a scene, what comes between it and the camera, and how the camera takes it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from detect.synthesis.raster import read_photo
+from geometry.arrays import FloatMap, GreyImage
+from geometry.camera import Camera
+from geometry.trajectory import Trajectory
+from locate.simulation.cards import Card, CardWorld
+from locate.simulation.formation import GAMMA
+from locate.simulation.paths import fly
+from locate.simulation.plume import PlumeField
+from locate.simulation.render import Renderer, Truth
+from locate.simulation.scene import Scene
+from locate.simulation.shutter import INSTANT, Shutter
+from locate.simulation.tiles import TILE_PX, TileAtlas, noise_tiles
+from locate.simulation.world import Surfaces, World
+
+LEAST_MEAN, MOST_GAIN = 0.2, 4.0
+"""To what a dark photo is lightened, and by how much at most."""
+Coding = Callable[[Sequence[GreyImage], float], list[GreyImage]]
+"""What storing the frames of a video does to them, given frames per second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Take:
+    """Everything that decides a recording, and what the chain is told of its camera.
+
+    Attributes:
+        scene: The scene; `camera.radial` is a distortion that the chain is not told of.
+        photos: Pictures for the cards, in the order of their numbers.
+        cards: What stands or moves in the scene beside its objects.
+        shutter: How long a frame takes, and how bright it comes out.
+        coding: What storing the frames does to them.
+        focal_factor: Of the focal length that the chain is told, over the true one.
+    """
+
+    scene: Scene
+    photos: tuple[Path, ...] = ()
+    cards: tuple[Card, ...] = ()
+    shutter: Shutter = INSTANT
+    coding: Coding | None = None
+    focal_factor: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Footage:
+    """A take on film.
+
+    Attributes:
+        images: N grey frames.
+        truths: What is true of each.
+        trajectory: The true poses, and the camera that the chain is told of.
+        amplitude_px: Strength of the strongest plume; 0 without one.
+    """
+
+    images: list[GreyImage]
+    truths: list[Truth]
+    trajectory: Trajectory
+    amplitude_px: float
+
+
+def film(take: Take) -> Footage:
+    """Renders a take."""
+    scene = take.scene
+    trajectory = fly(scene)
+    fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
+    renderer = Renderer(scene, _world(take), fields, trajectory, take.shutter)
+    rendered = [renderer.render(i) for i in range(len(trajectory))]
+    images = [image for image, _ in rendered]
+    if take.coding is not None:
+        images = take.coding(images, scene.video.fps)
+    return Footage(
+        images=images,
+        truths=[truth for _, truth in rendered],
+        trajectory=replace(trajectory, camera=_told(take)),
+        amplitude_px=max(renderer.amplitudes_px, default=0.0),
+    )
+
+
+def photo_tile(path: Path, rng: np.random.Generator) -> FloatMap:
+    """A random crop of a photo as radiance, mirrored into a tile without seams."""
+    image = read_photo(path)
+    side = TILE_PX // 2
+    scale = max(1.0, side / min(image.shape))
+    enlarged = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+    y, x = (int(rng.integers(0, n - side + 1)) for n in enlarged.shape)
+    crop = enlarged[y : y + side, x : x + side][:, :: rng.choice([-1, 1])]
+    light = (crop.astype(np.float32) / 255) ** GAMMA
+    light *= np.clip(LEAST_MEAN / light.mean(), 1, MOST_GAIN)
+    return np.pad(light[::-1], ((0, side), (0, side)), mode="symmetric")
+
+
+def _world(take: Take) -> Surfaces:
+    scene = take.scene
+    world = World(scene)
+    if not take.cards:
+        return world
+    photos = TileAtlas(
+        [photo_tile(path, scene.random(20, n)) for n, path in enumerate(take.photos)]
+    )
+    glints = any(card.gloss for card in take.cards)
+    waves = TileAtlas(noise_tiles(scene.random(21))) if glints else None
+    return CardWorld(take.cards, photos, world, waves)
+
+
+def _told(take: Take) -> Camera:
+    block = take.scene.camera
+    told = {"radial": 0.0, "focal_px": block.focal_px * take.focal_factor}
+    return block.model_copy(update=told).build()

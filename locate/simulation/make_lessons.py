@@ -1,0 +1,115 @@
+"""Writes lessons of real material for the learned registered detector.
+
+    python -m locate.simulation.make_lessons photos --photos DIR --seeds 200000 200060 -o LESSONS
+    python -m locate.simulation.make_lessons sets   --set PHOTOS --seeds 210000 210008 -o LESSONS
+
+`photos` films scenes made of single photos, `sets` takes a set of real photos with known poses, as
+they are or with plumes rendered onto them. Lessons that stand are kept; lessons.jsonl says what
+each is.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+
+from detect.registered.lessons import Lesson, lesson_path
+from detect.synthesis.raster import photos_in
+from geometry.errors import LocateError
+from locate.simulation.lessons import lesson_scene, make_photo_lesson
+from locate.simulation.nuisances import some_nuisances
+from locate.simulation.photos import PhotoSet
+from locate.simulation.set_lessons import make_set_lesson
+
+
+def write_photo_lessons(
+    photos: Sequence[Path],
+    seeds: Sequence[int],
+    folder: Path,
+    *,
+    plume: bool | None = None,
+    nuisances: Sequence[str] | None = None,
+) -> None:
+    """Writes the lessons of those seeds that are missing.
+
+    Args:
+        photos: To draw from; of one split.
+        seeds: One a lesson.
+        folder: Made where it is missing.
+        plume: Whether there is one; None leaves that to the seeds.
+        nuisances: Their names; None draws a few for each lesson.
+    """
+    for seed in seeds:
+        if lesson_path(folder, seed).exists():
+            continue
+        drawn = some_nuisances(lesson_scene(seed).random(25))
+        names = drawn if nuisances is None else nuisances
+        lesson = make_photo_lesson(seed, photos, plume=plume, nuisances=names)
+        keep(lesson, folder, seed, {"kind": "photos", "nuisances": list(names)})
+
+
+def write_set_lessons(photo_set: Path, seeds: Sequence[int], folder: Path) -> None:
+    """Writes the lessons of those seeds that are missing, of one set of posed photos.
+
+    Args:
+        photo_set: What `PhotoSet.load` reads.
+        seeds: One a lesson; the first is also that of the flow.
+        folder: Made where it is missing.
+    """
+    photos = PhotoSet.load(photo_set)
+    for seed in seeds:
+        if not lesson_path(folder, seed).exists():
+            lesson = make_set_lesson(photos, seed, flow_seed=seeds[0])
+            keep(lesson, folder, seed, {"kind": "set", "set": photo_set.name})
+
+
+def keep(lesson: Lesson, folder: Path, seed: int, about: dict[str, object]) -> None:
+    """Writes a lesson, and a line about it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lesson.save(lesson_path(folder, seed))
+    line = {"seed": seed, "amplitude_px": lesson.amplitude_px, "frames": len(lesson), **about}
+    with (folder / "lessons.jsonl").open("a") as journal:
+        journal.write(json.dumps(line) + "\n")
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    kinds = parser.add_subparsers(dest="kind", required=True)
+    photos = kinds.add_parser("photos")
+    photos.add_argument("--photos", type=Path, required=True, help="folder of single photos")
+    photos.add_argument("--split", choices=("train", "validation", "test"), default="train")
+    photos.add_argument("--nuisances", nargs="*", default=None, help="instead of a random few")
+    photos.add_argument("--plume", choices=("yes", "no"), default=None)
+    sets = kinds.add_parser("sets")
+    sets.add_argument("--set", type=Path, required=True, help="folder of photos with their poses")
+    for kind in (photos, sets):
+        kind.add_argument("--seeds", type=int, nargs=2, required=True, metavar=("FIRST", "END"))
+        kind.add_argument("-o", "--output", type=Path, required=True)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    try:
+        _write(arguments)
+    except LocateError as error:
+        sys.exit(f"error: {error}")
+
+
+def _write(arguments: argparse.Namespace) -> None:
+    seeds = range(*arguments.seeds)
+    if arguments.kind == "sets":
+        write_set_lessons(arguments.set, seeds, arguments.output)
+        return
+    write_photo_lessons(
+        photos_in(arguments.photos, arguments.split),
+        seeds,
+        arguments.output,
+        plume=None if arguments.plume is None else arguments.plume == "yes",
+        nuisances=arguments.nuisances,
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Scenes of photos: walls, ground and cut-outs at several depths, with a plume before them.
+
+Photos bring what plants made of planes and cylinders lack: foliage, water, fur, faces, print.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from detect.synthesis.sample import log_uniform
+from locate.simulation.cards import Card, lying, upright
+from locate.simulation.filming import Take
+from locate.simulation.outlines import blob, bush
+from locate.simulation.scene import Plume, Scene
+
+PICTURES = 6
+TEXEL_SHARE = (0.35, 1.2)
+"""Width of a photo's pixel over that of a camera's pixel where the plume stands."""
+SCENES_A_FLOW = 10
+
+
+def photo_take(scene: Scene, photos: Sequence[Path]) -> Take:
+    """The camera and the plume of a scene, amid photos instead of its objects.
+
+    Args:
+        scene: Its path looks across the origin towards y, or down.
+        photos: To draw a few from.
+    """
+    rng = scene.random(22)
+    chosen = tuple(photos[i] for i in rng.choice(len(photos), PICTURES, replace=False))
+    pixel_m = scene.path.radius_m / scene.camera.focal_px
+    cards = [*_backdrop(rng, pixel_m, scene.path.kind == "lawn_mower"), *_cut_outs(rng, pixel_m)]
+    plumes = tuple(_shared_flow(plume, scene.seed // SCENES_A_FLOW) for plume in scene.plumes)
+    scene = scene.model_copy(update={"objects": (), "plumes": plumes})
+    return Take(scene=scene, photos=chosen, cards=tuple(cards))
+
+
+def _backdrop(rng: np.random.Generator, pixel_m: float, from_above: bool) -> list[Card]:
+    """A wall, perhaps with a nearer one beside it, and perhaps ground."""
+    far = rng.uniform(2.5, 8)
+    height = rng.uniform(2.5, 6) if rng.random() < 0.35 else 100.0
+    cards = [_wall(rng, pixel_m, (-60.0, far), (120.0, height))]
+    if rng.random() < 0.4:
+        edge, near = rng.uniform(-2, 2), rng.uniform(1.0, far)
+        size = (60.0, rng.uniform(2, 8))
+        start = edge if rng.random() < 0.5 else edge - size[0]
+        cards.append(_wall(rng, pixel_m, (start, near), size, slant_deg=8))
+    if from_above or rng.random() < 0.65:
+        ground = lying(
+            0.0,
+            0.0,
+            rng.uniform(-0.6, 0.2),
+            photo=int(rng.integers(PICTURES)),
+            texel_m=pixel_m * log_uniform(rng, TEXEL_SHARE),
+        )
+        cards.append(ground)
+    return cards
+
+
+def _wall(
+    rng: np.random.Generator,
+    pixel_m: float,
+    start: tuple[float, float],
+    size_m: tuple[float, float],
+    slant_deg: float = 25.0,
+) -> Card:
+    """A wall through the start's y where x is 0, turned there."""
+    yaw_deg = rng.uniform(-slant_deg, slant_deg)
+    x, y = start[0], start[1] + start[0] * np.tan(np.radians(yaw_deg))
+    return upright(
+        x,
+        y,
+        -2.0,
+        yaw_deg,
+        size_m=(size_m[0], size_m[1] + 2),
+        photo=int(rng.integers(PICTURES)),
+        texel_m=1.3 * pixel_m * log_uniform(rng, TEXEL_SHARE),
+    )
+
+
+def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Card]:
+    """Up to eight posters, patches, bushes and posts, before and behind the plume."""
+    cards = []
+    for _ in range(rng.integers(0, 9)):
+        cover = (None, blob(rng), bush(rng), None)[rng.integers(4)]
+        width, height = rng.uniform(0.4, 3.0, 2)
+        if cover is None and rng.random() < 0.5:
+            width, height = rng.uniform(0.08, 0.3), rng.uniform(2, 6)
+        x, y, z = rng.uniform(-6, 5), rng.uniform(-3.5, 6), rng.uniform(-0.4, 2.5)
+        if abs(y) < 0.5:
+            y += np.sign(y)
+        card = upright(
+            x,
+            y,
+            z,
+            rng.uniform(-50, 50),
+            size_m=(width, height),
+            photo=int(rng.integers(PICTURES)),
+            texel_m=pixel_m * log_uniform(rng, TEXEL_SHARE),
+            cover=cover,
+        )
+        cards.append(card)
+    return cards
+
+
+def _shared_flow(plume: Plume, flow_seed: int) -> Plume:
+    """The plume with a flow that several scenes share, as it costs more than all the rest."""
+    rng = np.random.default_rng([flow_seed, 23])
+    shape = {
+        "radius_m": rng.uniform(0.1, 0.17),
+        "height_m": rng.uniform(3.0, 4.0),
+        "temperature_k": rng.uniform(360, 500),
+    }
+    return plume.model_copy(update={**shape, "flow_seed": flow_seed})

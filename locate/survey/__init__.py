@@ -1,0 +1,1 @@
+"""Many flights, one map: where columns of air rise, how often, and where nobody looked."""

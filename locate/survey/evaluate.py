@@ -1,0 +1,224 @@
+"""A survey held against the truth of a simulated campaign."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from rich.table import Table
+
+from geometry.arrays import BoolArray, FloatArray
+from geometry.errors import BadInputError
+from geometry.georeference import Georeference
+from locate.evaluate.plumes import pairs
+from locate.simulation.campaign import SCHEMA, Campaign
+from locate.survey.model import Survey
+
+GATE_M = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignTruth:
+    """What a campaign says of S sites and F flights, in the frame of a survey.
+
+    Attributes:
+        names: Of the F flights.
+        sites: (S, 3) feet of the columns in the mean wind of the flights, m.
+        standing: (F, S) whether a column stood.
+        feet: (F, S, 3) where; NaN where none stood.
+        chance: (F, S) how likely it was.
+    """
+
+    names: tuple[str, ...]
+    sites: FloatArray
+    standing: BoolArray
+    feet: FloatArray
+    chance: FloatArray
+
+    @classmethod
+    def load(cls, folder: Path, frame: Georeference) -> Self:
+        """Reads truth.json and campaign.yaml of a folder that ``locate simulate`` wrote.
+
+        Raises:
+            BadInputError: One is missing or is not of a campaign.
+        """
+        path = folder / "truth.json"
+        try:
+            content = json.loads(path.read_text())
+            if content["schema"] != SCHEMA:
+                raise ValueError(f"schema {content['schema']!r}, expected {SCHEMA!r}")
+            return cls._read(content, Campaign.load(folder / "campaign.yaml"), frame)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise BadInputError(f"{path}: not the truth of a campaign ({error})") from error
+
+    @classmethod
+    def _read(cls, content: dict[str, Any], campaign: Campaign, frame: Georeference) -> Self:
+        own = Georeference.from_dict(content["origin"])
+        flights = content["flights"]
+        wind = np.append(np.mean([flight["wind_mps"] for flight in flights], axis=0), 0.0)
+        sites = [np.array(site.position) + site.drift_s * wind for site in campaign.sites]
+        columns = [flight["columns"] for flight in flights]
+        feet = [[column["source"] or [np.nan] * 3 for column in row] for row in columns]
+
+        def moved(points: Any) -> FloatArray:
+            flat = frame.enu(own.lat_lon_height(np.reshape(points, (-1, 3))))
+            return flat.reshape(np.shape(points))
+
+        return cls(
+            names=tuple(flight["name"] for flight in flights),
+            sites=moved(np.reshape(sites, (-1, 3))),
+            standing=np.array([[column["on"] for column in row] for row in columns], dtype=bool),
+            feet=moved(np.array(feet, dtype=float)),
+            chance=np.array([[column["probability"] for column in row] for row in columns]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurveyScore:
+    """How good a survey is.
+
+    Attributes:
+        sites: Sites at which a column stood at least once in a flight that is on the map.
+        found: How many of them a hotspot is paired with, within `GATE_M`.
+        false: Hotspots without a site.
+        errors_m: Horizontal error of each hotspot that was found.
+        nees: Of each in the horizontal; 2 is expected.
+        single_errors_m: Horizontal error of each sighting to the foot it saw, the flight alone.
+        single_found: Share of `sites` that one flight finds, the mean of all.
+        false_sightings: Sightings of no column.
+        standing: Pairs of flight and standing column.
+        looks: Those of them that the survey takes for looks at a hotspot that was found.
+        seen: Those of `looks` that were seen.
+        chance: True mean probability of each site that was found.
+        said: What the survey says of it.
+        inside: How many of its 90 % intervals hold the truth.
+    """
+
+    sites: int
+    found: int
+    false: int
+    errors_m: tuple[float, ...]
+    nees: tuple[float, ...]
+    single_errors_m: tuple[float, ...]
+    single_found: float
+    false_sightings: int
+    standing: int
+    looks: int
+    seen: int
+    chance: tuple[float, ...]
+    said: tuple[float, ...]
+    inside: int
+
+
+def score_survey(survey: Survey, folder: Path) -> SurveyScore:
+    """Holds a survey against the campaign whose videos it was made from.
+
+    Args:
+        survey: Its flights bear the names of the campaign's.
+        folder: That ``locate simulate`` wrote.
+
+    Raises:
+        BadInputError: The folder holds no campaign, or none of its flights is in the survey.
+    """
+    truth = CampaignTruth.load(folder, survey.frame)
+    mapped = {flight.name for flight in survey.mapped}
+    rows = {name: row for row, name in enumerate(truth.names) if name in mapped}
+    if not rows:
+        raise BadInputError(f"{folder}: holds none of the flights of the survey")
+    used = list(rows.values())
+    stood = np.flatnonzero(truth.standing[used].any(axis=0))
+    spots = np.reshape([spot.position for spot in survey.hotspots], (-1, 3))
+    paired = [(int(stood[i]), k) for i, k in _pairs(truth.sites[stood], spots)]
+    errors = [(spots[k] - truth.sites[i])[:2] for i, k in paired]
+    covariances = [np.array(survey.hotspots[k].covariance)[:2, :2] for _, k in paired]
+    single = [_sightings(survey, name, truth.feet[row]) for name, row in rows.items()]
+    looks, seen = _looks(survey, truth, rows, paired)
+    chance = truth.chance[used].mean(axis=0)
+    totals = [survey.hotspots[k].occurrence[0] for _, k in paired]
+    return SurveyScore(
+        sites=len(stood),
+        found=len(paired),
+        false=len(spots) - len(paired),
+        errors_m=tuple(float(np.linalg.norm(error)) for error in errors),
+        nees=tuple(
+            float(error @ np.linalg.solve(covariance, error))
+            for error, covariance in zip(errors, covariances, strict=True)
+        ),
+        single_errors_m=tuple(error for right, _ in single for error in right),
+        single_found=float(np.mean([len(right) for right, _ in single])) / max(len(stood), 1),
+        false_sightings=sum(wrong for _, wrong in single),
+        standing=int(truth.standing[used].sum()),
+        looks=looks,
+        seen=seen,
+        chance=tuple(float(chance[i]) for i, _ in paired),
+        said=tuple(total.probability for total in totals),
+        inside=sum(
+            bool(total.low <= chance[i] <= total.high)
+            for (i, _), total in zip(paired, totals, strict=True)
+        ),
+    )
+
+
+def _pairs(sites: FloatArray, spots: FloatArray) -> list[tuple[int, int]]:
+    apart = np.linalg.norm((sites[:, None] - spots)[..., :2], axis=-1)
+    return pairs(apart, np.array(GATE_M))
+
+
+def _sightings(survey: Survey, name: str, feet: FloatArray) -> tuple[list[float], int]:
+    """Horizontal errors of a flight's own sightings, and how many are of nothing."""
+    said = [one.position for one in survey.sightings if one.flight == name]
+    positions = np.reshape(said, (-1, 3))
+    standing = feet[np.isfinite(feet).all(axis=1)]
+    paired = _pairs(standing, positions)
+    errors = [float(np.linalg.norm((positions[k] - standing[i])[:2])) for i, k in paired]
+    return errors, len(said) - len(paired)
+
+
+def _looks(
+    survey: Survey, truth: CampaignTruth, rows: dict[str, int], paired: list[tuple[int, int]]
+) -> tuple[int, int]:
+    """Looks at hotspots while their column stood, and how many of them saw it."""
+    saw = {(one.flight, one.hotspot) for one in survey.sightings}
+    looks = [
+        (name, survey.hotspots[k].id) in saw
+        for i, k in paired
+        for name in survey.hotspots[k].looked_by
+        if name in rows and truth.standing[rows[name], i]
+    ]
+    return len(looks), sum(looks)
+
+
+def score_table(score: SurveyScore) -> Table:
+    """Description and value of everything that was compared."""
+    table = Table(title="Against the truth of the campaign", title_justify="left")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    for row in _rows(score):
+        table.add_row(*row)
+    return table
+
+
+def _rows(score: SurveyScore) -> Iterator[tuple[str, str, str]]:
+    yield "sites where a column stood", f"{score.sites}", ""
+    yield "found", f"{score.found}", ""
+    yield "found by one flight, mean", f"{100 * score.single_found:.0f}", "%"
+    yield "false hotspots", f"{score.false}", ""
+    yield "false sightings", f"{score.false_sightings}", ""
+    if score.errors_m:
+        yield "error of a hotspot, median", f"{np.median(score.errors_m):.2f}", "m"
+        yield "error of a hotspot, largest", f"{max(score.errors_m):.2f}", "m"
+        yield "NEES of a hotspot, mean, 2 expected", f"{np.mean(score.nees):.2f}", ""
+        yield "occurrence said, mean", f"{np.mean(score.said):.2f}", ""
+        yield "occurrence in truth, mean", f"{np.mean(score.chance):.2f}", ""
+        yield "90 % intervals that hold it", f"{score.inside} of {score.found}", ""
+    if score.single_errors_m:
+        yield (
+            "error of one flight's sighting, median",
+            f"{np.median(score.single_errors_m):.2f}",
+            "m",
+        )
+    yield "looks while a column stood, seen", f"{score.seen} of {score.looks}", ""
+    yield "columns that stood, all flights", f"{score.standing}", ""

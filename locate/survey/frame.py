@@ -1,0 +1,101 @@
+"""The one frame of a survey, and what each flight says in it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.arrays import FloatArray
+from geometry.georeference import Alignment, Georeference, HeightDatum
+from geometry.georeference.constraints import point_jacobian
+from geometry.similarity import Similarity
+from locate.plume import Plume
+from locate.survey.model import Flight
+
+UNKNOWN_HEIGHT_M = 100.0
+LEAST_OWN_M = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset:
+    """How far one flight's frame may be off, shared by all that it saw.
+
+    Attributes:
+        flight: Its name.
+        survey_from_flight: From its frame to the survey's: a rigid motion, since both are
+            tangent to one ellipsoid.
+        covariance: (7, 7) in the left tangent of the flight's frame: [rotation (rad), translation
+            (m), log scale].
+    """
+
+    flight: str
+    survey_from_flight: Similarity
+    covariance: FloatArray
+
+    def jacobian(self, positions_in_survey: FloatArray) -> FloatArray:
+        """(N, 3, 7) derivative of (N, 3) survey points by the tangent."""
+        in_flight = self.survey_from_flight.inverse()(np.reshape(positions_in_survey, (-1, 3)))
+        return np.asarray(self.survey_from_flight.rotation @ point_jacobian(in_flight))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """A plume of one flight in the frame of the survey.
+
+    Attributes:
+        flight: Index of the flight among those that are mapped.
+        plume: As in its map, which is in the flight's frame.
+        position: (3,) its source.
+        own: (3, 3) its covariance without the flight's offset, m squared.
+        by_offset: (3, 7) derivative of `position` by the flight's offset.
+        axis: (3,) unit vector of the rise.
+    """
+
+    flight: int
+    plume: Plume
+    position: FloatArray
+    own: FloatArray
+    by_offset: FloatArray
+    axis: FloatArray
+
+
+def offset_of(flight: Flight, frame: Georeference) -> Offset:
+    """Where a flight's frame lies in the survey's, with its uncertainty.
+
+    Heights that count from something else than the survey's are not comparable, and heights over
+    take-off never are: the flight's height is left free then.
+    """
+    own = flight.georeference
+    corners = frame.enu(own.lat_lon_height(np.vstack([np.zeros(3), np.eye(3)])))
+    survey_from_flight = Similarity(
+        scale=1.0, rotation=(corners[1:] - corners[0]).T, translation=corners[0]
+    )
+    covariance = Alignment.from_dict(flight.answer.georeference or {}).covariance.copy()
+    if own.datum != frame.datum or own.datum is HeightDatum.TAKEOFF:
+        covariance[5, 5] += UNKNOWN_HEIGHT_M**2
+    return Offset(flight=flight.name, survey_from_flight=survey_from_flight, covariance=covariance)
+
+
+def sightings_of(flights: Sequence[Flight], offsets: Sequence[Offset]) -> list[Seen]:
+    """Every plume of every flight; what the offset adds to its covariance is taken out again."""
+    return [
+        _seen(index, plume, flight, offset)
+        for index, (flight, offset) in enumerate(zip(flights, offsets, strict=True))
+        for plume in flight.answer.plumes
+    ]
+
+
+def _seen(index: int, plume: Plume, flight: Flight, offset: Offset) -> Seen:
+    alignment = Alignment.from_dict(flight.answer.georeference or {})
+    added = alignment.position_covariances(plume.source)[0]
+    values, vectors = np.linalg.eigh(plume.source_covariance - added)
+    own = (vectors * np.maximum(values, LEAST_OWN_M**2)) @ vectors.T
+    position = offset.survey_from_flight(plume.source)
+    return Seen(
+        flight=index,
+        plume=plume,
+        position=position,
+        own=offset.survey_from_flight.covariance(own),
+        by_offset=offset.jacobian(position)[0],
+        axis=offset.survey_from_flight.rotation @ plume.axis,
+    )

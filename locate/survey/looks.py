@@ -1,0 +1,249 @@
+"""Where one flight looked: the weakest column it would have found over each cell of the ground.
+
+Cells are squares of the survey's frame, numbered from its origin, so that another flight changes
+nothing of what is known of this one.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from geometry.arrays import FloatArray, FloatMap, IntArray
+from geometry.atomic import replacing
+from geometry.errors import BadInputError
+from geometry.georeference import Georeference
+from geometry.npz import read_npz
+from geometry.trajectory import Trajectory
+from locate.fusion.column import HEIGHT, RADIUS, X, Y, Z, agreed, score
+from locate.fusion.fuse import FALSE_ALARM
+from locate.fusion.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
+from locate.fusion.null import NullLevel
+from locate.fusion.views import Views
+from locate.observe import load_detections
+from locate.plume import Plume
+from locate.run_folder import digest
+from locate.survey.flights import read_config
+from locate.survey.frame import offset_of
+from locate.survey.model import Column, Flight
+from locate.survey.wind import STEEPEST_UP
+
+MOST_CELLS = 40_000
+REACH_CELLS = 1.5
+GROUND_STEP_PX = 4
+FORMAT = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looks:
+    """What a flight would have found over a window of cells.
+
+    Attributes:
+        low: (2,) number of the window's first cell, east and north; cell i spans i to i + 1 edges.
+        limit_px: (H, W) displacement of the weakest column it would have found in the cell, row 0
+            in the south; inf where none.
+        seen_px: (P,) of each plume of its map, the even displacement of such a column that would
+            have given as much evidence; inf where none would.
+        key: Of what it was made from.
+    """
+
+    low: IntArray
+    limit_px: FloatMap
+    seen_px: FloatMap
+    key: str = ""
+
+    def save(self, path: Path) -> None:
+        """Writes an .npz, whole or not at all."""
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
+            np.savez_compressed(
+                file,
+                allow_pickle=False,
+                low=self.low,
+                limit_px=self.limit_px,
+                seen_px=self.seen_px,
+                key=self.key,
+            )
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads what `save` wrote.
+
+        Raises:
+            BadInputError: The file is missing or broken.
+        """
+        arrays = read_npz(path)
+        try:
+            return cls(**arrays | {"key": str(arrays["key"].item())})  # type: ignore[arg-type]
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadInputError(f"{path}: not the looks of a flight ({error})") from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """The job done for each flight that is mapped: its looks, kept in `folder`.
+
+    Attributes:
+        folder: Where NAME.npz is kept.
+        frame: The survey's.
+        cell_m: Edge of a cell.
+        column: What a look must be able to find; its displacement does not matter here.
+    """
+
+    folder: Path
+    frame: Georeference
+    cell_m: float
+    column: Column
+
+    def __call__(self, flight: Flight) -> str | None:
+        """Leaves the file; returns why there is none, if there is none."""
+        path = self.folder / f"{flight.name}.npz"
+        try:
+            key = self._key(flight)
+            if not _stands(path, key):
+                replace(look(flight, self.frame, self.cell_m, self.column), key=key).save(path)
+        except BadInputError as error:
+            return str(error)
+        return None
+
+    def _key(self, flight: Flight) -> str:
+        made_from = (FORMAT, flight.digest, flight.map, self.frame, self.cell_m)
+        shape = (self.column.radius_m, self.column.height_m)
+        return digest(f"{made_from} {shape}".encode())
+
+
+def _stands(path: Path, key: str) -> bool:
+    try:
+        return Looks.load(path).key == key
+    except BadInputError:
+        return False
+
+
+def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> Looks:
+    """Works out where a flight looked.
+
+    A column stands on the ground in the middle of every cell that the flight saw the ground
+    of, and the evidence that each pixel's own sigma allows for its displacement is held against
+    what the run took for a plume, as for the map's own detection limit.
+
+    Args:
+        flight: One with a run folder that holds its detections.
+        frame: The survey's.
+        cell_m: Edge of a cell.
+        column: That stands there.
+
+    Raises:
+        BadInputError: The folder is incomplete, or the cells are too small for what was seen.
+    """
+    to_survey = offset_of(flight, frame).survey_from_flight
+    views = views_of(flight.folder)
+    if np.isnan(views.unit):
+        nothing = np.zeros((0, 0), np.float32)
+        return Looks(low=np.zeros(2, np.int64), limit_px=nothing, seen_px=nothing[0:0].ravel())
+    threshold = threshold_nats(flight.folder, views)
+    low, ground = ground_of(to_survey(views.background_in_world(GROUND_STEP_PX)), cell_m)
+    if ground.size > MOST_CELLS:
+        raise BadInputError(
+            f"{flight.name}: sees {ground.size} cells of {cell_m:g} m, at most {MOST_CELLS} are "
+            "kept; give larger cells with --cell"
+        )
+    rows, easts = np.nonzero(np.isfinite(ground))
+    feet = np.column_stack(
+        [
+            (low[0] + easts + 0.5) * cell_m,
+            (low[1] + rows + 0.5) * cell_m,
+            ground[rows, easts],
+        ]
+    )
+    limit_px = np.full(ground.shape, np.inf, np.float32)
+    cells = np.zeros((len(feet), 8))
+    cells[:, [X, Y, Z]] = to_survey.inverse()(feet)
+    cells[:, [HEIGHT, RADIUS]] = column.height_m, column.radius_m
+    plumes = flight.answer.plumes
+    columns = np.concatenate([cells, np.reshape([column_of(plume) for plume in plumes], (-1, 8))])
+    needed = np.append(np.full(len(cells), threshold), [plume.evidence_nats for plume in plumes])
+    found_px = column_limits_px(views, columns, needed)
+    limit_px[rows, easts] = found_px[: len(cells)]
+    return Looks(low=low, limit_px=limit_px, seen_px=found_px[len(cells) :].astype(np.float32))
+
+
+def column_of(plume: Plume) -> FloatArray:
+    """(8,) a column in the frame of its map that stands where a plume was found."""
+    lean = plume.axis[:2] / max(float(plume.axis[2]), STEEPEST_UP)
+    height = plume.extent_high * float(plume.axis[2])
+    radius = float(np.median(plume.radius_by_height[:, 1]))
+    return np.array([*plume.source, *lean, height, radius, 0.0])
+
+
+def views_of(folder: Path) -> Views:
+    """The evidence of a run, as its fusion saw it.
+
+    Raises:
+        BadInputError: Its detections are gone or broken.
+    """
+    if not (folder / "detections" / "index.json").is_file():
+        raise BadInputError(f"{folder}: its detections are gone")
+    _, indices, found = load_detections(folder / "detections")
+    trajectory = Trajectory.load(folder / "trajectory.json")
+    rows = np.searchsorted(trajectory.indices, indices)
+    pinhole = replace(trajectory, camera=trajectory.camera.undistorted())
+    return Views.from_detections(found, pinhole.take(rows))
+
+
+def threshold_nats(folder: Path, views: Views) -> float:
+    """What the run took for a plume: as it wrote, or drawn again as it drew it."""
+    path = folder / "evidence.npz"
+    stated = read_npz(path).get("threshold_nats") if path.exists() else None
+    if stated is not None:
+        return float(stated)
+    config = read_config(folder)
+    rng = np.random.default_rng(0 if config is None else config.seed)
+    null = NullLevel.from_views(
+        views, views.volume(), views.unit, rng, progress=lambda _share: None
+    )
+    return null.threshold(FALSE_ALARM)
+
+
+def ground_of(points_in_survey: FloatArray, cell_m: float) -> tuple[IntArray, FloatArray]:
+    """The first cell, east and north, and the (H, W) height of the ground, NaN where not seen.
+
+    The height is the 20 % quantile of the points in a cell; a cell without points that lies
+    beside one with takes that one's.
+    """
+    cells = np.floor(points_in_survey[:, :2] / cell_m).astype(np.int64)
+    inside = (
+        (cells >= np.percentile(cells, 1, axis=0)) & (cells <= np.percentile(cells, 99, axis=0))
+    ).all(axis=1)
+    cells, heights = cells[inside], points_in_survey[inside, 2]
+    low = cells.min(axis=0)
+    width, depth = cells.max(axis=0) - low + 1
+    number = (cells[:, 1] - low[1]) * width + cells[:, 0] - low[0]
+    order = np.lexsort([heights, number])
+    number, heights = number[order], heights[order]
+    starts = np.flatnonzero(np.append(True, np.diff(number) > 0))
+    counts = np.diff(np.append(starts, len(number)))
+    ground = np.full(width * depth, np.nan)
+    ground[number[starts]] = heights[starts + counts // 5]
+    ground = ground.reshape(depth, width)
+    distance, (nearest_row, nearest_column) = distance_transform_edt(
+        np.isnan(ground), return_indices=True
+    )
+    filled = ground[nearest_row, nearest_column]
+    return low, np.where(distance <= REACH_CELLS, filled, np.nan)
+
+
+def column_limits_px(views: Views, columns: FloatArray, needed_nats: FloatArray) -> FloatArray:
+    """(N,) the smallest of `AMPLITUDES_PX` that gives a column its (N,) evidence, or inf."""
+    limits = np.full(len(columns), np.inf)
+    looked_at = replace(views, llr=np.ones_like(views.llr))
+    coverage = score(looked_at, columns)
+    left = np.flatnonzero((coverage > 0).sum(axis=0) >= FEWEST_VIEWS)
+    for amplitude in AMPLITUDES_PX:
+        if not len(left):
+            break
+        expected = replace(views, llr=expected_llr(views, float(amplitude)))
+        found = agreed(score(expected, columns[left])) > needed_nats[left]
+        limits[left[found]] = amplitude
+        left = left[~found]
+    return limits

@@ -1,0 +1,302 @@
+"""What a survey keeps and answers: survey.json, schema ``locate.survey/1``."""
+
+import json
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from geometry.arrays import FloatArray
+from geometry.atomic import replacing
+from geometry.errors import BadInputError
+from geometry.georeference import Georeference
+from locate import __version__
+from locate.config import DetectorName, RunConfig
+from locate.plume import PlumeMap
+
+SCHEMA = "locate.survey/1"
+
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Matrix = tuple[Vector, Vector, Vector]
+
+
+class _Block(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Settings(_Block):
+    """What a survey was told; the first five go to every run.
+
+    Attributes:
+        detector: As of `RunConfig`.
+        weights: Likewise.
+        camera: Likewise.
+        focal_px: Likewise.
+        max_frames: Likewise.
+        cell_m: Edge of a cell of the ground.
+        displacement_px: A flight has looked at a cell where it would have found a column that
+            displaces the background evenly by this much; None for the median sighting, as the
+            even displacement that would have given as much evidence.
+        radius_m: Of that column; None for the median of the first sightings the survey had.
+        height_m: Likewise.
+        wander_m: Standard deviation, each way, of where one hotspot sends up its column from one
+            flight to the next.
+    """
+
+    detector: DetectorName = "auto"
+    weights: Path | None = None
+    camera: Path | None = None
+    focal_px: float | None = Field(default=None, gt=0)
+    max_frames: int = Field(default=120, ge=2)
+    cell_m: float = Field(default=5.0, gt=0)
+    displacement_px: float | None = Field(default=None, gt=0)
+    radius_m: float | None = Field(default=None, gt=0)
+    height_m: float | None = Field(default=None, gt=0)
+    wander_m: float = Field(default=1.0, ge=0)
+
+    def run_of(self, recording: Path) -> RunConfig:
+        """The settings of one flight's run."""
+        shared = self.model_dump(include=set(RunConfig.model_fields))
+        return RunConfig(recording=recording, **shared)
+
+
+class Moment(_Block):
+    """When a flight was.
+
+    Attributes:
+        clock_s: Seconds since 1970 of its middle, on the clock named by `basis`.
+        hour: Of the day, 0 to 24: mean solar time where the clock is UTC, else as recorded.
+        day_of_year: From 1.
+        basis: ``"UTC"``, or ``"recorder"`` where only the recorder's own clock is known, which
+            may be an hour or two from solar time.
+    """
+
+    clock_s: FiniteFloat
+    hour: float = Field(ge=0, lt=24)
+    day_of_year: int = Field(ge=1, le=366)
+    basis: Literal["UTC", "recorder"]
+
+
+class Flight(_Block):
+    """One flight of a survey.
+
+    Attributes:
+        name: Unique within the survey.
+        source: The recording or the run folder it was given as.
+        folder: Its run folder.
+        digest: Of what it was made from; another one means that it must be run again.
+        failure: Why it has no place on the map; None where it has.
+        map: The content of its map.json.
+        moment: When it was; None where nothing says so.
+        path_lon_lat: Some of the places the camera was at, WGS84.
+    """
+
+    name: str
+    source: Path
+    folder: Path
+    digest: str
+    failure: str | None = None
+    map: dict[str, Any] | None = None
+    moment: Moment | None = None
+    path_lon_lat: tuple[tuple[FiniteFloat, FiniteFloat], ...] = ()
+
+    @property
+    def answer(self) -> PlumeMap:
+        """Its map.
+
+        Raises:
+            BadInputError: It failed, or its map is not one of this version.
+        """
+        return PlumeMap.from_dict(self.map)
+
+    @property
+    def georeference(self) -> Georeference:
+        """Where the frame of its map sits."""
+        return Georeference.from_dict(self.answer.georeference or {})
+
+
+class Column(_Block):
+    """What a look must have been able to find.
+
+    Attributes:
+        radius_m: Of the column.
+        height_m: Of the column, which stands on the ground.
+        displacement_px: Even displacement it causes.
+    """
+
+    radius_m: float = Field(default=1.0, gt=0)
+    height_m: float = Field(default=10.0, gt=0)
+    displacement_px: float = Field(default=1.0, gt=0)
+
+
+class Count(_Block):
+    """How often something was seen in one season and part of the day.
+
+    Attributes:
+        bin: Label of the season and the hours; ``"all"`` for everything.
+        looked: Number of flights that would have seen it.
+        seen: Number of those that did.
+        probability: That it is there, posterior mean.
+        low: 5 % quantile of that.
+        high: 95 % quantile.
+    """
+
+    bin: str
+    looked: float
+    seen: float
+    probability: float = Field(ge=0, le=1)
+    low: float = Field(ge=0, le=1)
+    high: float = Field(ge=0, le=1)
+
+
+class Sighting(_Block):
+    """A plume of one flight, in the frame of the survey.
+
+    Attributes:
+        flight: Name of the flight.
+        plume: Its number in that flight's map.
+        hotspot: The hotspot it belongs to.
+        position: As the flight says.
+        corrected: With the flight's estimated offset taken out.
+        covariance: Of `corrected`.
+        weight: From 0, an outlier, to 1: what it counts in its hotspot.
+    """
+
+    flight: str
+    plume: int
+    hotspot: int
+    position: Vector
+    corrected: Vector
+    covariance: Matrix
+    weight: float = Field(ge=0, le=1)
+
+
+class Hotspot(_Block):
+    """A place that sends up columns of air.
+
+    Attributes:
+        id: From 1, most often seen first.
+        position: East, north, up (m) in the frame of the survey: the foot of its column in the
+            mean lean of all flights.
+        covariance: Of `position`.
+        axis: Unit vector of the mean rise.
+        displacement_px: Mean of its sightings.
+        probability: That at least one of its sightings is no false alarm.
+        looked_by: Names of the flights that looked at it, those that saw it included.
+        occurrence: How often it was there: all flights first, then by season and hours.
+    """
+
+    id: int
+    position: Vector
+    covariance: Matrix
+    axis: Vector
+    displacement_px: FiniteFloat
+    probability: float = Field(ge=0, le=1)
+    looked_by: tuple[str, ...]
+    occurrence: tuple[Count, ...]
+
+
+class Wind(_Block):
+    """How far columns lean, from the axes of one flight's plumes.
+
+    Attributes:
+        flight: Name of the flight.
+        lean: Metres to the east and the north per metre of rise.
+        sigma: Standard deviation of either.
+        from_deg: Where the wind comes from, clockwise from north.
+    """
+
+    flight: str
+    lean: tuple[FiniteFloat, FiniteFloat]
+    sigma: FiniteFloat
+    from_deg: FiniteFloat
+
+
+class Survey(_Block):
+    """Many flights, one map.
+
+    Attributes:
+        version: Of this program.
+        settings: As used.
+        origin: Of the survey's east-north-up frame: the keys of a georeference block.
+        column: What a look must have been able to find; the default before anything was seen.
+        flights: In the order they came.
+        hotspots: What rises where.
+        sightings: Of them.
+        winds: By flight.
+        drift_m: Metres the foot of a column moves downwind per unit of lean, all hotspots.
+        drift_sigma_m: Standard deviation of that.
+        prior: Mean and weight (in looks) of the Beta prior of a cell's probability.
+        bins: Labels of season and hours that hold flights, in the order of the raster's bands.
+        notes: What a reader must know.
+    """
+
+    version: str = __version__
+    settings: Settings = Settings()
+    origin: dict[str, Any] | None = None
+    column: Column = Column()
+    flights: tuple[Flight, ...] = ()
+    hotspots: tuple[Hotspot, ...] = ()
+    sightings: tuple[Sighting, ...] = ()
+    winds: tuple[Wind, ...] = ()
+    drift_m: FiniteFloat = 0.0
+    drift_sigma_m: FiniteFloat = 0.0
+    prior: tuple[FiniteFloat, FiniteFloat] = (0.5, 1.0)
+    bins: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def frame(self) -> Georeference:
+        """The survey's frame.
+
+        Raises:
+            BadInputError: No flight has a place on the Earth.
+        """
+        return Georeference.from_dict(self.origin or {})
+
+    @property
+    def mapped(self) -> tuple[Flight, ...]:
+        """The flights that have a place on the map."""
+        return tuple(flight for flight in self.flights if flight.failure is None)
+
+    def save(self, path: Path) -> None:
+        """Writes survey.json, whole or not at all."""
+        content = {"schema": SCHEMA, **self.model_dump(mode="json")}
+        with replacing(path) as unfinished:
+            unfinished.write_text(json.dumps(content, indent=1, allow_nan=False))
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads survey.json.
+
+        Raises:
+            BadInputError: The file is missing, not JSON, or not a survey of this version.
+        """
+        try:
+            content = json.loads(path.read_text())
+        except (OSError, ValueError) as error:
+            raise BadInputError(f"{path}: not a readable survey ({error})") from error
+        schema = content.pop("schema", None) if isinstance(content, dict) else None
+        if schema != SCHEMA:
+            raise BadInputError(
+                f"{path}: schema is {schema!r}, expected {SCHEMA!r}; choose another folder with -o"
+            )
+        try:
+            return cls.model_validate(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise BadInputError(f"{path}: {where}: {first['msg']}") from error
+
+
+def vector(values: FloatArray) -> Vector:
+    """Three plain numbers."""
+    x, y, z = np.asarray(values, dtype=float).tolist()
+    return x, y, z
+
+
+def matrix(values: FloatArray) -> Matrix:
+    """Three by three plain numbers."""
+    first, second, third = values
+    return vector(first), vector(second), vector(third)

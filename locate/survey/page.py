@@ -1,0 +1,167 @@
+"""The map page: one HTML file that works without a network."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from locate.export.table import probability
+from locate.survey.cells import Cells
+from locate.survey.drawing import drawing, layers_of
+from locate.survey.model import Flight, Hotspot, Survey
+from locate.survey.places import LocatedHotspot, located_hotspots
+
+FLIGHT_HEADS = ("Flight", "When", "Plumes", "Lean", "")
+SPOT_HEADS = (
+    "Hotspot", "Latitude, longitude (WGS84)", "Height", "1 sigma east, north",
+    "Seen of looked", "There with probability", "By season and hours", "No false alarm",
+)  # fmt: skip
+
+
+def write_page(path: Path, survey: Survey, cells: Cells | None) -> None:
+    """Writes map.html."""
+    layers = layers_of(cells)
+    page = Template(_resource("survey/page.html")).substitute(
+        style=_resource("report/style.css") + _resource("survey/style.css"),
+        script=_resource("survey/map.js"),
+        headline=escape(_headline(survey)),
+        lead=escape(_lead(survey, cells)),
+        facts="".join(
+            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+            for name, value in _facts(survey, cells)
+        ),
+        choices=_choices([layer.label for layer in layers]),
+        map=drawing(survey, layers),
+        hotspots=_table(SPOT_HEADS, [_spot_row(place) for place in located_hotspots(survey)]),
+        flights=_table(FLIGHT_HEADS, [_flight_row(survey, flight) for flight in survey.flights]),
+        limits="".join(f"<li>{escape(sentence)}</li>" for sentence in _limits(survey)),
+        settings="".join(
+            f'<tr><th scope="row">{escape(name)}</th><td>{escape(str(value))}</td></tr>'
+            for name, value in _settings(survey)
+        ),
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def _resource(name: str) -> str:
+    return (files("locate") / "data" / name).read_text(encoding="utf-8")
+
+
+def _headline(survey: Survey) -> str:
+    count, flights = len(survey.hotspots), len(survey.mapped)
+    spots = {0: "No hotspot", 1: "One hotspot"}.get(count, f"{count} hotspots")
+    return f"{spots} from {flights} flight{'s' if flights != 1 else ''}"
+
+
+def _lead(survey: Survey, cells: Cells | None) -> str:
+    if not survey.hotspots:
+        if cells is not None and cells.looked.any():
+            return "Nothing was seen; the map says where somebody looked."
+        size = f"{survey.column.displacement_px:.2g} px"
+        return f"Nothing was seen, and nowhere would a column of {size} have been found."
+    total = survey.hotspots[0].occurrence[0]
+    return (
+        f"The one seen most often was seen by {total.seen:.0f} of the {total.looked:.0f} flights "
+        f"that looked: it is there with probability {total.probability:.2f} "
+        f"({total.low:.2f} to {total.high:.2f})."
+    )
+
+
+def _facts(survey: Survey, cells: Cells | None) -> Iterable[tuple[str, str]]:
+    frame = survey.frame
+    yield "Origin", f"{frame.lat_deg:.6f}, {frame.lon_deg:.6f}, {frame.name}"
+    yield "Sightings", str(len(survey.sightings))
+    if cells is not None:
+        hectares = float((cells.looked.sum(axis=0) > 0).sum()) * cells.cell_m**2 / 1e4
+        yield "Looked at", f"{hectares:.2g} ha in cells of {cells.cell_m:g} m"
+        yield "A look finds", f"columns of {survey.column.displacement_px:.2g} px and more"
+
+
+def _choices(labels: Sequence[str]) -> str:
+    choices = (
+        f'<label><input type="radio" name="layer" value="layer{i}"{" checked" if i == 0 else ""}> '
+        f"{escape(label)}</label>"
+        for i, label in enumerate(labels)
+    )
+    return f'<fieldset class="choices">{"".join(choices)}</fieldset>' if labels else ""
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    if not rows:
+        return "<p>None.</p>"
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row) + "</tr>" for row in rows
+    )
+    return (
+        f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def _spot_row(place: LocatedHotspot) -> list[str]:
+    fields, spot = place.properties(), place.hotspot
+    total = spot.occurrence[0]
+    return [
+        str(spot.id),
+        f"{place.lat_deg:.6f}, {place.lon_deg:.6f}",
+        f"{place.height_m:.1f} m above {place.datum}",
+        f"{fields['sigma_east_m']:.2g} m, {fields['sigma_north_m']:.2g} m",
+        f"{total.seen:.0f} of {total.looked:.0f}",
+        f"{total.probability:.2f} ({total.low:.2f} to {total.high:.2f})",
+        _by_bin(spot),
+        probability(spot.probability),
+    ]
+
+
+def _by_bin(spot: Hotspot) -> str:
+    return "; ".join(
+        f"{count.bin}: {count.seen:.0f} of {count.looked:.0f}" for count in spot.occurrence[1:]
+    )
+
+
+def _flight_row(survey: Survey, flight: Flight) -> list[str]:
+    if flight.failure is not None:
+        return [flight.name, "", "", "", f"left out: {flight.failure}"]
+    wind = next((wind for wind in survey.winds if wind.flight == flight.name), None)
+    when = "not known"
+    if flight.moment is not None:
+        hour, minute = divmod(round(60 * flight.moment.hour), 60)
+        when = f"{hour:02d}:{minute:02d}, day {flight.moment.day_of_year}"
+    lean = ""
+    if wind is not None:
+        size = float((wind.lean[0] ** 2 + wind.lean[1] ** 2) ** 0.5)
+        lean = f"{size:.2f} +- {wind.sigma:.2f} m per m, wind from {wind.from_deg:.0f} deg"
+    return [flight.name, when, str(len(flight.answer.plumes)), lean, ""]
+
+
+def _limits(survey: Survey) -> Iterable[str]:
+    mean, weight = survey.prior
+    column = survey.column
+    yield (
+        f"A flight has looked at a cell where its evidence would have carried a column of "
+        f"{column.displacement_px:.2g} px, {column.radius_m:.2g} m in radius and "
+        f"{column.height_m:.2g} m high, over its threshold; near that limit half are missed, and "
+        "weaker ones nearly always."
+    )
+    yield (
+        f"The probability of a cell is the mean of a Beta posterior; its prior is worth "
+        f"{weight:g} look with mean {mean:.3g}, the survey's own share of looks that saw."
+    )
+    yield "That of a hotspot allows for its being known only because it was seen."
+    yield (
+        f"Columns of one hotspot were taken to stand {survey.settings.wander_m:g} m (1 sigma) "
+        f"about it, and {survey.drift_m:.1f} +- {survey.drift_sigma_m:.1f} m further downwind per "
+        "unit of lean."
+    )
+    yield from survey.notes
+
+
+def _settings(survey: Survey) -> Iterable[tuple[str, object]]:
+    yield "version", survey.version
+    yield from (
+        (name, value)
+        for name, value in survey.settings.model_dump(mode="json").items()
+        if value is not None
+    )

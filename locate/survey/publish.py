@@ -1,0 +1,48 @@
+"""A survey as files for people and for other programs."""
+
+import json
+import logging
+from pathlib import Path
+
+from geometry.atomic import replacing
+from geometry.errors import LocateError
+from locate.export.geojson import collection_of
+from locate.export.waypoints import write_cup_places, write_gpx_places
+from locate.survey.cells import Cells
+from locate.survey.layers import write_layers
+from locate.survey.model import Survey
+from locate.survey.page import write_page
+from locate.survey.places import located_hotspots
+from locate.survey.raster import write_raster
+
+RASTER = "updraft.tif"
+log = logging.getLogger("locate")
+
+
+def publish(output: Path, survey: Survey, cells: Cells | None) -> None:
+    """Writes map.html, survey.gpkg, updraft.tif and the hotspots as GeoJSON, CUP and GPX.
+
+    Without the extra ``survey`` there is no raster, and the log says so.
+    """
+    places = located_hotspots(survey)
+    with replacing(output / "hotspots.geojson") as path:
+        path.write_text(json.dumps(collection_of(places), indent=1, allow_nan=False))
+    with replacing(output / "hotspots.cup") as path:
+        write_cup_places(path, places)
+    with replacing(output / "hotspots.gpx") as path:
+        write_gpx_places(path, places)
+    with replacing(output / "survey.gpkg") as path:
+        write_layers(path, survey, cells)
+    (output / RASTER).unlink(missing_ok=True)
+    if cells is not None:
+        _raster(output / RASTER, survey, cells)
+    with replacing(output / "map.html") as path:
+        write_page(path, survey, cells)
+
+
+def _raster(path: Path, survey: Survey, cells: Cells) -> None:
+    try:
+        with replacing(path) as unfinished:
+            write_raster(unfinished, survey, cells)
+    except LocateError as error:
+        log.warning(str(error))

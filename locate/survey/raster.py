@@ -1,0 +1,81 @@
+"""The cells as a GeoTIFF."""
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.arrays import FloatArray
+from geometry.errors import LocateError
+from geometry.georeference import Georeference
+from locate.survey.cells import Cells
+from locate.survey.model import Survey
+
+EARTH_RADIUS_M = 6_371_000.0
+
+
+def write_raster(path: Path, survey: Survey, cells: Cells) -> None:
+    """Writes float32 bands, north up, NaN where nobody looked; each band has a description.
+
+    The projection is a transverse Mercator about the survey's origin, true to scale at the
+    origin's height: within a few kilometres its metres are those of the survey's frame.
+
+    Raises:
+        LocateError: The extra ``survey`` is not installed.
+    """
+    rasterio = _rasterio()
+    bands = _bands(survey, cells)
+    rows, columns = cells.shape
+    cell_m = cells.cell_m
+    west, south = (cells.low * cell_m).tolist()
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        width=columns,
+        height=rows,
+        count=len(bands),
+        dtype="float32",
+        nodata=np.nan,
+        crs=projection(survey.frame),
+        transform=rasterio.Affine(cell_m, 0.0, west, 0.0, -cell_m, south + rows * cell_m),
+        compress="deflate",
+    ) as file:
+        for number, (name, values) in enumerate(bands.items(), start=1):
+            file.write(values[::-1].astype(np.float32), number)
+            file.set_band_description(number, name)
+
+
+def projection(frame: Georeference) -> str:
+    """The raster's reference system, as PROJ writes it."""
+    scale = 1 + frame.height_m / EARTH_RADIUS_M
+    return (
+        f"+proj=tmerc +lat_0={frame.lat_deg:.12g} +lon_0={frame.lon_deg:.12g} +k={scale:.9f} "
+        "+x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
+    )
+
+
+def _rasterio() -> Any:
+    try:
+        return importlib.import_module("rasterio")
+    except ImportError as error:
+        raise LocateError(
+            "updraft.tif needs the extra: pip install 'plume-locate[survey]'"
+        ) from error
+
+
+def _bands(survey: Survey, cells: Cells) -> dict[str, FloatArray]:
+    looked = cells.looked.sum(axis=0)
+    mean, low, high = cells.overall
+    limit_px = np.where(np.isfinite(cells.limit_px), cells.limit_px, np.nan)
+    bands = {
+        "updraft probability": mean,
+        "5 % quantile": low,
+        "95 % quantile": high,
+        "flights that looked": np.where(looked > 0, looked, np.nan),
+        "flights that saw": np.where(looked > 0, cells.seen.sum(axis=0), np.nan),
+        "detection limit, px": limit_px,
+    }
+    by_bin = {name: cells.in_bin(index) for index, name in enumerate(survey.bins)}
+    return bands | {f"updraft probability, {name}": values for name, values in by_bin.items()}

@@ -1,0 +1,89 @@
+"""`locate train`: shipped trainings by name, and lessons that are not there yet."""
+
+from pathlib import Path
+
+import pytest
+
+from detect.learning.config import PoolConfig, TrainConfig
+from detect.network import Network
+from detect.registered.features import FEATURES, Feature
+from detect.registered.lessons import lesson_path
+from detect.synthesis.split import split_of_photo
+from geometry.errors import BadInputError
+from locate.commands import train
+from locate.commands.train import config_path, render_missing_lessons
+from locate.detectors import DYBS_WEIGHTS
+
+
+@pytest.mark.parametrize("name", ["registered", "lite-fast", "lite", "paper"])
+def test_shipped_trainings_have_names(name: str) -> None:
+    path = config_path(Path(name))
+    assert path.stem == name.replace("-", "_")
+    assert TrainConfig.load(path, Path("data")).steps > 0
+
+
+def test_a_file_is_a_file_and_a_typo_is_named(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    assert config_path(mine) == mine
+    with pytest.raises(BadInputError, match="lite, lite-fast, paper, registered"):
+        config_path(Path("regstered"))
+
+
+def test_the_shipped_weights_are_those_of_the_shipped_training() -> None:
+    told = Network(DYBS_WEIGHTS).json("trained_on")
+    config = TrainConfig.load(config_path(Path("lite-fast")))
+    assert config.digest(told["steps"]) == told["config"]
+
+
+def test_the_registered_training_fits_its_features() -> None:
+    config = TrainConfig.load(config_path(Path("registered")), Path("data"))
+    assert config.network.channels == len(FEATURES)
+    assert not config.network.normalise
+    vectors: list[tuple[Feature, Feature]] = [
+        ("displacement_x", "displacement_y"),
+        ("first_displacement_x", "first_displacement_y"),
+        ("significance_x", "significance_y"),
+    ]
+    places = tuple((FEATURES.index(x), FEATURES.index(y)) for x, y in vectors)
+    assert config.augmentation.vectors == places
+    held = set(config.pools[config.validation].all_seeds())
+    for stage in config.stages:
+        for name in stage.pools:
+            assert held.isdisjoint(config.pools[name].all_seeds())
+
+
+def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "photos").mkdir()
+    for number in range(30):
+        (tmp_path / "photos" / f"{number}.png").touch()
+    config = TrainConfig.load(config_path(Path("registered")), tmp_path)
+    plants = PoolConfig(folder=tmp_path / "plants", seeds=((3, 6),))
+    photos = PoolConfig(folder=tmp_path / "more", seeds=((8, 9),), photos=tmp_path / "photos")
+    config = config.model_copy(update={"pools": {"plants": plants, "photos": photos}})
+    plants.folder.mkdir()
+    lesson_path(plants.folder, 4).touch()
+    made = []
+
+    def render(folder: Path, photos: tuple[Path, ...] | None, seed: int) -> None:
+        splits = {split_of_photo(photo) for photo in photos or ()}
+        made.append((folder.name, splits, seed))
+
+    monkeypatch.setattr(train, "ProcessPoolExecutor", _Here)
+    monkeypatch.setattr(train, "_render_lesson", render)
+    told: list[tuple[str, float]] = []
+    render_missing_lessons(config, report=lambda what, share: told.append((what, share)))
+    assert made == [("plants", set(), 3), ("plants", set(), 5), ("more", {"train"}, 8)]
+    assert told == [("lessons: plants", 0.5), ("lessons: plants", 1), ("lessons: photos", 1)]
+
+
+class _Here:
+    """Workers in this process."""
+
+    def __init__(self, processes: int, mp_context: object) -> None:
+        self.map = map
+
+    def __enter__(self) -> "_Here":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass

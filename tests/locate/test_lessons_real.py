@@ -1,0 +1,176 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from detect.registered.features import FEATURES
+from detect.registered.lessons import Lesson, lesson_path, lesson_paths
+from geometry.errors import BadInputError
+from geometry.pose_files import write_colmap_model
+from geometry.trajectory import Trajectory
+from locate.simulation import lessons, make_lessons, set_lessons
+from locate.simulation.lessons import lesson_scene, make_photo_lesson
+from locate.simulation.paths import fly
+from locate.simulation.photo_scenes import photo_take
+from locate.simulation.photos import PhotoSet
+from locate.simulation.scene import CameraBlock, PathBlock, Plume, Scene, VideoBlock
+from locate.simulation.set_lessons import make_set_lesson
+
+COUNT, SIDE_PX, RANGE_M = 9, (128, 96), 10.0
+
+
+def textured(seed: int, shape: tuple[int, int] = (512, 512)) -> np.ndarray:
+    noise = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2)
+    return (128 + 45 * smooth / smooth.std()).clip(0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
+    folder = tmp_path_factory.mktemp("photos")
+    for number in range(8):
+        cv2.imwrite(str(folder / f"{number}.png"), textured(number))
+    return tuple(sorted(folder.iterdir()))
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"FRAMES": 11, "KEY_FRAMES": 2, "SIDE_PX": (128, 96)}.items():
+        monkeypatch.setattr(lessons, name, value)
+    monkeypatch.setattr(lessons, "FOCAL_PX", (110.0, 120.0))
+
+
+@pytest.mark.usefixtures("small")
+def test_a_lesson_before_photos_repeats(photos: tuple[Path, ...]) -> None:
+    one, again = (make_photo_lesson(3, photos, plume=False, nuisances=["wind"]) for _ in range(2))
+    assert one.inputs.shape == (2, len(FEATURES), 96, 128)
+    assert np.isfinite(one.inputs).all()
+    assert not one.displacements.any()
+    np.testing.assert_array_equal(one.inputs, again.inputs)
+    other = make_photo_lesson(4, photos, plume=False)
+    assert (other.inputs != one.inputs).any()
+
+
+def test_scenes_of_photos_keep_the_camera_and_share_flows(photos: tuple[Path, ...]) -> None:
+    scenes = [lesson_scene(seed, plume=True) for seed in (100, 101, 110)]
+    takes = [photo_take(scene, photos) for scene in scenes]
+    assert takes[0].scene.path == scenes[0].path
+    assert not takes[0].scene.objects
+    assert takes[0].scene.plumes[0].source == scenes[0].plumes[0].source
+    flows = [take.scene.plumes[0].model_dump(exclude={"source", "amplitude_px"}) for take in takes]
+    assert flows[0] == flows[1] != flows[2]
+    assert len({take.cards[0].photo for take in (photo_take(s, photos) for s in scenes)}) > 1
+
+
+def posed_set(folder: Path) -> Path:
+    """Photos of a wall of noise that faces the cameras, with its points."""
+    camera = CameraBlock(width=256, height=192, focal_px=220.0)
+    path = PathBlock(
+        kind="lawn_mower", target=(0, 0, 0), height_m=RANGE_M, lanes=1, length_m=3.0, pitch_deg=89.9
+    )
+    trajectory = fly(Scene(camera=camera, path=path, video=VideoBlock(frames=COUNT)))
+    ground = textured(9, (800, 800)).astype(np.float32)
+    names = []
+    (folder / "images").mkdir(parents=True)
+    for i in range(COUNT):
+        pixels = trajectory.camera.pixel_grid()
+        rays = trajectory.camera.rays(pixels) @ trajectory.rotations[i]
+        center = trajectory.centers_in_world[i]
+        points = center + rays * (-center[2] / rays[..., 2:])
+        places = (points[..., :2] * 22 + 400).astype(np.float32)
+        photo = cv2.remap(ground, places, None, cv2.INTER_LINEAR)
+        names.append(f"{i}.png")
+        cv2.imwrite(str(folder / "images" / names[-1]), photo.astype(np.uint8))
+    x, y = np.meshgrid(np.linspace(-6, 6, 15), np.linspace(-6, 6, 15))
+    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    write_colmap_model(trajectory, points, folder / "sparse", names)
+    return folder
+
+
+@pytest.fixture
+def photo_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotoSet:
+    monkeypatch.setattr(set_lessons, "SIDE_PX", SIDE_PX)
+    return PhotoSet.load(posed_set(tmp_path / "set"))
+
+
+def test_a_set_without_a_plume_is_a_negative(
+    photo_set: PhotoSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(set_lessons, "PLUME_FREE", 1.0)
+    lesson = make_set_lesson(photo_set, 1)
+    assert lesson.inputs.shape[1:] == (len(FEATURES), SIDE_PX[1], SIDE_PX[0])
+    assert len(lesson) >= 3
+    assert lesson.surface.all()
+    assert not lesson.displacements.any()
+    assert lesson.amplitude_px == 0
+
+
+def test_a_plume_before_a_set_is_where_the_truth_says(
+    photo_set: PhotoSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def column(*_arguments: object) -> Plume:
+        eye = photo_set.trajectory.centers_in_world[COUNT // 2]
+        x, y, z = (eye + 0.4 * (np.median(photo_set.points_in_world, axis=0) - eye)).tolist()
+        source = (x, y, z - 1)
+        return Plume(kind="gaussian", source=source, radius_m=0.4, height_m=2.0, amplitude_px=1.0)
+
+    monkeypatch.setattr(set_lessons, "PLUME_FREE", 0.0)
+    monkeypatch.setattr(set_lessons, "RANGE_M", (RANGE_M, RANGE_M + 1e-6))
+    monkeypatch.setattr(set_lessons, "_plume", column)
+    lesson = make_set_lesson(photo_set, 1)
+    assert lesson.amplitude_px == pytest.approx(1.0)
+    w = lesson.displacements.astype(float)
+    seen = 0.1 * np.sinh(lesson.inputs[:, :2].astype(float)).transpose(0, 2, 3, 1)
+    there = np.linalg.norm(w, axis=-1) > 0.3
+    assert there.any()
+    assert np.corrcoef(seen[there].ravel(), w[there].ravel())[0, 1] > 0.5
+
+
+def test_the_world_of_a_set_gets_the_size_of_a_scene(photo_set: PhotoSet) -> None:
+    scaled = set_lessons._scaled(photo_set, np.random.default_rng(0))
+    depth = scaled.trajectory.world_to_cam(COUNT // 2, scaled.points_in_world)[:, 2]
+    low, high = set_lessons.RANGE_M
+    assert low <= np.median(depth) <= high
+    one, other = (
+        s.trajectory.project(0, s.points_in_world) for s in (photo_set, scaled)
+    )  # the photos stay as they are
+    np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+@pytest.mark.usefixtures("small")
+def test_the_command_keeps_what_stands(
+    photos: tuple[Path, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+
+    def make(seed: int, _photos: object, **_options: object) -> Lesson:
+        made.append(seed)
+        nothing = np.zeros((1, len(FEATURES), 8, 8), np.float16)
+        flat = np.zeros((1, 8, 8, 2), np.float16)
+        surface = np.ones((1, 8, 8), bool)
+        return Lesson(inputs=nothing, displacements=flat, surface=surface, amplitude_px=0.0)
+
+    monkeypatch.setattr(make_lessons, "make_photo_lesson", make)
+    for _ in range(2):
+        make_lessons.write_photo_lessons(photos, range(5, 8), tmp_path)
+    assert made == [5, 6, 7]
+    assert lesson_paths(tmp_path) == [lesson_path(tmp_path, seed) for seed in (5, 6, 7)]
+    lines = [json.loads(line) for line in (tmp_path / "lessons.jsonl").read_text().splitlines()]
+    assert [line["seed"] for line in lines] == [5, 6, 7]
+    assert all(line["kind"] == "photos" for line in lines)
+
+
+def test_a_folder_without_poses_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="no poses"):
+        make_lessons.write_set_lessons(tmp_path, range(1), tmp_path / "lessons")
+
+
+def test_disturbed_poses_are_off_by_what_was_asked() -> None:
+    trajectory = fly(Scene(video=VideoBlock(frames=400)))
+    told = lessons.disturbed(trajectory, np.random.default_rng(0), 0.2)
+    assert isinstance(told, Trajectory)
+    turns = np.einsum("nij,nkj->nik", told.rotations, trajectory.rotations)
+    angles = np.degrees(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+    assert np.sqrt((angles**2).mean() / 3) == pytest.approx(0.2, rel=0.1)

@@ -1,0 +1,78 @@
+from pathlib import Path
+
+import pytest
+
+from geometry.errors import BadInputError
+from locate.survey.storage import FETCHED, fetched, mirrored
+
+fsspec = pytest.importorskip("fsspec")
+
+
+@pytest.fixture
+def memory():
+    files = fsspec.filesystem("memory")
+    files.store.clear()
+    files.pseudo_dirs[:] = [""]
+    files.pipe({"/far/DJI_1.MP4": b"video", "/far/DJI_1.SRT": b"where", "/far/DJI_2.MP4": b"x"})
+    files.pipe({"/far/run/map.json": b"{}", "/far/run/frames/000000.png": b"png"})
+    yield files
+    files.store.clear()
+
+
+def test_flights_come_here_with_their_telemetry(memory, tmp_path):
+    near = tmp_path / "near.mp4"
+    given = ["memory://far/DJI_1.MP4", str(near), "memory://far/run", f"file://{near}"]
+    video, same, run, again = fetched(given, tmp_path)
+    assert (same, again) == (near, near)
+    assert video.read_bytes() == b"video"
+    assert sorted(path.name for path in video.parent.iterdir()) == ["DJI_1.MP4", "DJI_1.SRT"]
+    assert video.parent.parent == tmp_path / FETCHED
+    assert (run / "frames" / "000000.png").read_bytes() == b"png"
+    before = video.stat().st_mtime_ns
+    assert fetched(given, tmp_path)[0].stat().st_mtime_ns == before
+
+
+def test_what_is_not_there_is_told(memory, tmp_path):
+    with pytest.raises(BadInputError, match=r"memory://far/none\.mp4"):
+        fetched(["memory://far/none.mp4"], tmp_path)
+    with pytest.raises(BadInputError, match="cannot be opened"):
+        fetched(["nosuch://far/none.mp4"], tmp_path)
+
+
+def test_a_survey_elsewhere_is_sent_back(memory, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    memory.pipe({"/survey/survey.json": b"old", "/survey/gone.txt": b"gone"})
+    with mirrored("memory://survey") as folder:
+        assert (folder / "survey.json").read_bytes() == b"old"
+        (folder / "survey.json").write_bytes(b"new")
+        (folder / "gone.txt").unlink()
+        (folder / "flights" / "a").mkdir(parents=True)
+        (folder / "flights" / "a" / "map.json").write_bytes(b"{}")
+    assert memory.cat("/survey/survey.json") == b"new"
+    assert memory.cat("/survey/flights/a/map.json") == b"{}"
+    assert not memory.exists("/survey/gone.txt")
+    with pytest.raises(KeyError):
+        fail_halfway("memory://survey", folder)
+    assert memory.cat("/survey/more.txt") == b"more"
+
+
+def fail_halfway(address, folder):
+    with mirrored(address) as again:
+        assert again == folder
+        (again / "more.txt").write_bytes(b"more")
+        raise KeyError
+
+
+def test_a_folder_here_is_used_as_it_is(tmp_path):
+    with mirrored(str(tmp_path)) as folder:
+        assert folder == tmp_path
+    with mirrored(f"file://{tmp_path}") as folder:
+        assert folder == Path(tmp_path)
+
+
+def test_workers_elsewhere_need_a_folder_they_share(memory):
+    with (
+        pytest.raises(BadInputError, match="that they share"),
+        mirrored("memory://survey", "tcp://10.0.0.1:8786"),
+    ):
+        pass

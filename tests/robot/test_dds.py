@@ -1,0 +1,201 @@
+"""The node over DDS: with itself everywhere, and with real rclpy where there is one."""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra `dds` is not installed")
+pytest.importorskip("rosbags", reason="the extra `dds` is not installed")
+
+from rosbags.typesys import Stores
+
+from locate.fusion.views import Views
+from locate.robot import Settings
+from locate.robot.dds import DdsNode, TopicNames
+from locate.robot.wire import Wire
+from locate.robot.wiring import Wiring
+from locate.simulation.evidence import Truth
+from tests.robot.drive import Oracle
+from tests.robot.test_bags import Recorder
+
+# What ROS itself warns of is not ours to repair.
+pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
+
+QUICK = Settings(lag=1, views_kept=16, null_draws=2, drift=False)
+DOMAIN = 77
+IMAGE, INFO = "/camera/image_raw", "/camera/camera_info"
+LATCHED_TOPICS = ("/tf_static", "/locate/markers", "/locate/points", "/locate/leak_1")
+KINDS = {
+    IMAGE: "sensor_msgs/msg/Image",
+    INFO: "sensor_msgs/msg/CameraInfo",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+}
+
+
+class OverWire:
+    """A robot whose own topics are on DDS, too."""
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+        self._senders = {topic: wire.advertise(topic, kind) for topic, kind in KINDS.items()}
+
+    def send(self, topic: str, message: Any) -> None:
+        self._senders[topic](message)
+
+    def listen(self, topic: str, kind: str) -> list[Any]:
+        heard: list[Any] = []
+        self._wire.listen(topic, kind, heard.append, latched=True)
+        return heard
+
+    def spin_once(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class OverRclpy:
+    """A robot with ROS 2."""
+
+    def __init__(self, wire: Wire) -> None:
+        import rclpy
+
+        from locate.robot.ros2 import ros_class
+
+        self._rclpy, self._types, self._class = rclpy, wire.types, ros_class
+        rclpy.init(domain_id=DOMAIN)
+        self._node = rclpy.create_node("robot")
+        self._publishers = {
+            topic: self._node.create_publisher(ros_class(kind), topic, self._qos(topic))
+            for topic, kind in KINDS.items()
+        }
+
+    def _qos(self, topic: str) -> Any:
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        if topic in LATCHED_TOPICS:
+            return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        return QoSProfile(depth=100)
+
+    def send(self, topic: str, message: Any) -> None:
+        from rclpy.serialization import deserialize_message
+
+        data = bytes(self._types.serialize_cdr(message, KINDS[topic]))
+        self._publishers[topic].publish(deserialize_message(data, self._class(KINDS[topic])))
+
+    def listen(self, topic: str, kind: str) -> list[Any]:
+        heard: list[Any] = []
+        self._node.create_subscription(self._class(kind), topic, heard.append, self._qos(topic))
+        return heard
+
+    def spin_once(self) -> None:
+        self._rclpy.spin_once(self._node, timeout_sec=0.01)
+
+    def close(self) -> None:
+        self._node.destroy_node()
+        self._rclpy.shutdown()
+
+
+Robot = OverWire | OverRclpy
+
+
+@pytest.fixture(scope="module")
+def wire() -> Wire:
+    return Wire(DOMAIN)
+
+
+@pytest.fixture(params=[OverWire, OverRclpy], ids=["cyclonedds", "rclpy"])
+def robot(request: pytest.FixtureRequest, wire: Wire) -> Iterator[Robot]:
+    if request.param is OverRclpy and not os.environ.get("ROS_REQUIRED"):
+        pytest.importorskip("rclpy", reason="no ROS 2 here; docs/robot.md says how to test it")
+    robot = request.param(wire)
+    yield robot
+    robot.close()
+
+
+@pytest.fixture
+def node(wire: Wire, views: Views) -> Iterator[DdsNode]:
+    wiring = Wiring(settings=QUICK, pose_sigma_m=0.01, pose_sigma_deg=0.1)
+    node = DdsNode(wire, wiring, TopicNames(image=IMAGE), detector=Oracle(views))
+    yield node
+    node.close()
+
+
+def spin(node: DdsNode, robot: Robot, done: Callable[[], object], timeout_s: float = 240) -> None:
+    end = time.monotonic() + timeout_s
+    while not done():
+        assert time.monotonic() < end, "what was waited for never came"
+        robot.spin_once()
+        node.spin_once(0.02)
+
+
+def until_it_comes(node: DdsNode, robot: Robot, topic: str, message: Any, came: Any) -> None:
+    """Sends until it is heard: discovery takes its time."""
+
+    def sent() -> bool:
+        robot.send(topic, message)
+        return bool(came())
+
+    spin(node, robot, sent)
+
+
+def test_drive_ends_in_latched_markers_and_a_leak(
+    robot: Robot, node: DdsNode, views: Views, truth: Truth
+) -> None:
+    drive = Recorder(Stores.ROS2_JAZZY).drive(views)
+    static = drive[0][2]
+    until_it_comes(
+        node,
+        robot,
+        "/tf_static",
+        static,
+        lambda: node.feeder.tree.find("base_link", "camera", 0) is not None,
+    )
+    info = next(message for topic, _, message in drive if topic == INFO)
+    until_it_comes(node, robot, INFO, info, lambda: node.feeder.locator)
+    locator = node.feeder.locator
+    assert locator is not None
+    for topic, _, message in drive[1:]:
+        before = locator.counts.images
+        robot.send(topic, message)
+        if topic == IMAGE:
+            spin(node, robot, lambda before=before: locator.counts.images > before)
+    spin(node, robot, lambda: any(u.state == "confirmed" for u in node.announcer.known.values()))
+
+    late = robot.listen("/locate/markers", "visualization_msgs/msg/MarkerArray")
+    leaks = robot.listen("/locate/leak_1", "geometry_msgs/msg/PoseWithCovarianceStamped")
+    clouds = robot.listen("/locate/points", "sensor_msgs/msg/PointCloud2")
+    spin(node, robot, lambda: late and leaks and clouds)
+    assert {marker.ns for marker in late[-1].markers} == {"", "source", "axis", "label"}
+    assert len(clouds[-1].data) == clouds[-1].width * clouds[-1].point_step > 0
+    place = leaks[-1].pose.pose.position
+    covariance = np.reshape(leaks[-1].pose.covariance, (6, 6))[:3, :3]
+    error = np.array([place.x, place.y, place.z]) - truth.source
+    assert error @ np.linalg.solve(covariance, error) < 16
+
+
+def test_image_that_cannot_be_read_is_counted(wire: Wire, views: Views) -> None:
+    node = DdsNode(wire, Wiring(settings=QUICK), TopicNames(image="/bad/image_raw"))
+    send = wire.advertise("/bad/image_raw", KINDS[IMAGE])
+    message = Recorder(Stores.ROS2_JAZZY).image(views, 0)
+    message.encoding = "\udcff\udcff"
+    with pytest.raises(UnicodeEncodeError):
+        send(message)
+    message.encoding = "nonsense"
+    end = time.monotonic() + 30
+    while not node.feeder.refused["image"]:
+        assert time.monotonic() < end
+        send(message)
+        node.spin_once(0.05)
+    node.close()
+
+
+def test_names_of_topics() -> None:
+    assert TopicNames(image="/a/image_raw/compressed").beside == "/a/camera_info"
+    assert TopicNames(image="/a/image_raw").beside == "/a/camera_info"
+    assert TopicNames(image="/image").beside == "/camera_info"
