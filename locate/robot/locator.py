@@ -24,6 +24,7 @@ from locate.robot.tracks import State, Update
 from locate.robot.window import Task
 
 MOST_NEWS = 1024
+AT_LEAST_EVERY_S = 5.0
 
 log = logging.getLogger("locate.robot")
 
@@ -222,10 +223,10 @@ class Locator:
             self._look(task)
 
     def _keep_deciding(self) -> None:
-        """A thread: decides whenever enough has been seen."""
+        """A thread: decides whenever enough has been seen, and on the rest after a while."""
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._closing or self._engine.due)
+                self._changed.wait_for(lambda: self._closing or self._engine.due, AT_LEAST_EVERY_S)
                 if self._closing:
                     return
                 self._deciding = True
