@@ -3,11 +3,12 @@ PHOTOS ?= ../shared/data/3_backgrounds
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test bench train lint clean
+.PHONY: help demo test ros bench train lint clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
+	@echo "make ros     the ROS 2 node against real rclpy, Kilted and Jazzy"
 	@echo "make bench   the slow tests and the benchmarks: hours"
 	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR"
 	@echo "make lint    ruff, mypy and import-linter only"
@@ -19,6 +20,9 @@ test: lint
 	$(BIN)/python -m pytest -m "not slow"
 	tests/wheel_check.sh $(BIN)/python
 
+ros:
+	.ci/ros/run
+
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m slow
 	$(BIN)/python benchmarks/run_cost.py
@@ -28,11 +32,19 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/telemetry_offset.py
 	$(BIN)/python benchmarks/flow_comparison.py
 	$(BIN)/python benchmarks/bos_pairs.py
+	$(BIN)/python benchmarks/paper_experiments.py deflected
+	$(BIN)/python benchmarks/paper_experiments.py moving
+	$(BIN)/python benchmarks/survey_fusion.py
+	$(BIN)/python -m benchmarks.scaling_fusion
+	$(BIN)/python benchmarks/robot_offline.py
+	$(BIN)/python benchmarks/robot_update.py
 
 train: $(VENV)/dev.stamp
 	mkdir -p build/data
 	ln -sfn $(abspath $(PHOTOS)) build/data/photos
-	$(BIN)/locate train detect/dybs/training/lite_fast.yaml -o build/lite_fast --data build/data
+	$(BIN)/locate train lite-fast -o build/lite_fast --data build/data
+	$(BIN)/locate train judge -o build/judge --data build/data
+	$(BIN)/locate train registered -o build/registered --data build/data
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check
