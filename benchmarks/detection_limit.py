@@ -4,13 +4,12 @@
 
 Needs what `benchmarks/orbit_scenes.py --work work/orbit --seeds ...` leaves: the run of each scene
 without a plume, and the true displacement of the same scene with one. That displacement, scaled to
-a share of the limit the clean run stated, bends the clean frames; poses are kept, the detector and
-the decision are repeated. The strength of a plume is its mean displacement along the axis, as the
-limit is.
+a share of the stated limit, bends the clean frames; poses are kept, the detector and the decision
+are repeated, once with nothing put in: that states the limit. The strength of a plume is its mean
+displacement along the axis, as the limit is.
 """
 
 import argparse
-import json
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -69,7 +68,9 @@ def bent(image: GreyImage, displacement: FloatMap) -> GreyImage:
     return np.asarray(np.clip(np.rint(values), 0, 255), np.uint8)
 
 
-def found(clean: Path, leak: Path, factor: float, most: int) -> tuple[bool, PlumeMap]:
+def found(
+    clean: Path, leak: Path, factor: float, detector_name: str, most: int
+) -> tuple[bool, PlumeMap]:
     """Whether a run finds the leak's plume at `factor` of its strength, and its map."""
     run = clean / "run"
     with tempfile.TemporaryDirectory() as name:
@@ -79,7 +80,6 @@ def found(clean: Path, leak: Path, factor: float, most: int) -> tuple[bool, Plum
             image = cv2.imread(str(run / "frames" / image_name), cv2.IMREAD_GRAYSCALE)
             displacement = factor * true_displacement(leak, int(index))
             cv2.imwrite(str(folder / image_name), bent(np.asarray(image, np.uint8), displacement))
-        detector_name = json.loads((run / "map.json").read_text())["detector"]
         points = load_points(run / "points.npz")
         if points is None:
             points = load_points(run / "sfm" / "points.npz")
@@ -97,20 +97,22 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1001, 1002, 1003, 1004])
     parser.add_argument("--shares", type=float, nargs="+", default=[0.5, 1.0, 2.0])
     parser.add_argument("--work", type=Path, default=Path("work/orbit"))
+    parser.add_argument("--detector", default="registered")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     most = RunConfig.model_fields["detection_frames"].default
     for seed in arguments.seeds:
         clean = arguments.work / f"clean_{seed}"
         leak = arguments.work / f"1px_1_{seed}"
-        limit_px = PlumeMap.load(clean / "run" / "map.json").detection_limit_px
+        limit_px = found(clean, leak, 0.0, arguments.detector, most)[1].detection_limit_px
         if limit_px is None:
             print(f"{seed} | no limit stated")
             continue
         indices = Trajectory.load(clean / "run" / "trajectory.json").indices.tolist()
         strength_px = mean_strength_px(leak, indices)
         for share in arguments.shares:
-            seen, plume_map = found(clean, leak, share * limit_px / strength_px, most)
+            factor = share * limit_px / strength_px
+            seen, plume_map = found(clean, leak, factor, arguments.detector, most)
             strongest = max((p.evidence_nats for p in plume_map.plumes), default=0.0)
             print(
                 f"{seed} | stated {limit_px:.2f} px | inserted {share * limit_px:.2f} px | "

@@ -179,8 +179,8 @@ def judged(score: FloatMap, said: FloatMap, sizes: FloatMap, groups: Groups) -> 
         for rows in groups.values()
     ]
     strong = sizes > STRONG_PX
-    judged = strong | (sizes < STILL_PX)
-    cells.append(auroc(score[judged], strong[judged]))
+    asked = strong | (sizes < STILL_PX)
+    cells.append(auroc(score[asked], strong[asked]))
     return [
         *(f"{cell:.3f}" for cell in cells),
         f"{np.corrcoef(said.ravel(), sizes.ravel())[0, 1]:.2f}",

@@ -149,6 +149,8 @@ def take_of(condition: Condition, scene: Scene, photos: Path | None) -> Take:
         if photos is None:
             raise SystemExit(f"{condition.nuisance} needs --photos")
         every = photos_in(photos, "test")
+        if len(every) < PICTURES:
+            raise SystemExit(f"{photos}: {len(every)} photos of the test split, give {PICTURES}")
         chosen = rng.choice(len(every), PICTURES, replace=False)
         take = replace(take, photos=tuple(every[i] for i in chosen))
     if condition.nuisance in CODINGS:
@@ -319,12 +321,16 @@ def evaluate(
     count = len(sequence.measurements)
     rows = np.linspace(0, count - 1, min(condition.views, count)).round().astype(int).tolist()
     positive, counts = labels(sequence, rows)
-    result = {}
-    for name, detections in contenders.judge(sequence, rows).items():
-        llr = np.stack([d.llr for d in detections])
-        result[name] = pixel_scores(llr, positive, counts)
-        if fusing and name != "dybs" and len(rows) > 1:
-            result[name] |= source_scores(detections, sequence, rows)
+    told = contenders.judge(sequence, rows)
+    maps = {name: np.stack([d.llr for d in detections]) for name, detections in told.items()}
+    result = {name: pixel_scores(llr, positive, counts) for name, llr in maps.items()}
+    if fusing and len(rows) > 1:
+        sources: dict[bytes, dict[str, float]] = {}  # equal evidence is fused once
+        for name in told.keys() - {"dybs"}:
+            evidence = maps[name].tobytes()
+            if evidence not in sources:
+                sources[evidence] = source_scores(told[name], sequence, rows)
+            result[name] |= sources[evidence]
     if positive.any():
         rng = np.random.default_rng(0)
         result["ideal"] = pixel_scores(ideal(sequence, rows, rng), positive, counts)
@@ -363,9 +369,7 @@ def judge_all(options: argparse.Namespace) -> None:
         take = take_of(condition, scene_of(condition, seed, scale), options.photos)
         sequence = Recorded.load(path, take)
         label = f"{axis} {label_of(axis, condition)}"
-        found[label].append(
-            evaluate(sequence, condition, contenders, fusing=not options.pixels_only)
-        )
+        found[label].append(evaluate(sequence, condition, contenders, fusing=axis in options.fuse))
         print(label, seed, json.dumps(found[label][-1]), flush=True)
     summary = {label: summarised(results) for label, results in found.items()}
     if options.json:
@@ -416,22 +420,26 @@ def table(summary: dict[str, dict[str, dict[str, float]]]) -> str:
 
 
 def plot(summary: dict[str, dict[str, dict[str, float]]]) -> np.ndarray:
-    """A panel for each numeric axis and each of AUROC and AP."""
-    panels = []
-    for score in ("auroc", "ap"):
-        row = []
-        for axis in ("amplitude", "views", "arc", "noise"):
-            labels_ = [label for label in summary if label.startswith(f"{axis} ")]
-            if len(labels_) > 1:
-                row.append(panel(summary, labels_, axis, score))
-        panels.append(np.hstack(row))
-    return np.vstack(panels)
+    """A column of panels for each numeric axis, a row for each score."""
+    cases = {
+        axis: [label for label in summary if label.startswith(f"{axis} ")]
+        for axis in ("amplitude", "views", "arc", "noise")
+    }
+    cases = {axis: found for axis, found in cases.items() if len(found) > 1}
+    fused_ = any("found" in scores["plain"] for scores in summary.values())
+    rows = [
+        np.hstack([panel(summary, labels_, axis, score) for axis, labels_ in cases.items()])
+        for score in ("auroc", "ap", *(["found"] if fused_ else []))
+    ]
+    return np.vstack(rows)
 
 
 def panel(
     summary: dict[str, dict[str, dict[str, float]]], cases: list[str], axis: str, score: str
 ) -> np.ndarray:
     image = np.full((300, 360, 3), 255, np.uint8)
+    if not any(score in scores for case in cases for scores in summary[case].values()):
+        return image
     least = 0.4 if score == "auroc" else 0.0
     for value in np.arange(least, 1.01, 0.1 if least else 0.2):
         row = round(240 - (value - least) / (1 - least) * 200)
@@ -439,7 +447,8 @@ def panel(
         text(image, f"{value:.1f}", (18, row + 4))
     values = [float(case.split()[1]) for case in cases]
     units = {"amplitude": "px", "views": "key frames", "arc": "degrees", "noise": "of 255"}
-    text(image, f"{score.upper()} by {axis}, {units[axis]}", (45, 20))
+    title = "Share found" if score == "found" else score.upper()
+    text(image, f"{title} by {axis}, {units[axis]}", (45, 20))
     place = np.log(values) - np.log(min(values))
     columns = 50 + place / place.max() * 290
     for column, value in zip(columns, values, strict=True):
@@ -473,7 +482,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--axes", nargs="+", default=list(axes(True)), choices=list(axes(True)))
     parser.add_argument("--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"))
     parser.add_argument("--weights", type=Path, help="of the learned detector")
-    parser.add_argument("--pixels-only", action="store_true", help="no fusion")
+    parser.add_argument("--fuse", nargs="*", default=list(axes(True)), help="axes with sources")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args(arguments)

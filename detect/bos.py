@@ -7,6 +7,7 @@ import numpy as np
 from detect.detection import Detection, Frames
 from detect.evidence import displacement_evidence
 from detect.flow import Flow, flow_method
+from detect.response import Response
 from detect.warp import blur, gradients, pixel_grid, sample, structure_tensor
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.errors import BadInputError
@@ -32,6 +33,7 @@ class BosDetector:
     """
 
     name = "bos"
+    response: Response | None = None
 
     def __init__(
         self,

@@ -7,9 +7,10 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from detect.response import Response
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
-from geometry.npz import read_npz
+from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 
 
@@ -56,13 +57,11 @@ class Detection:
             )
 
     def save(self, path: Path) -> None:
-        """Writes a float16 .npz."""
+        """Writes a float16 .npz, whole or not at all."""
         arrays = {"displacement": self.displacement, "sigma_px": self.sigma_px, "llr": self.llr}
         if self.inverse_depth is not None:
             arrays["inverse_depth"] = self.inverse_depth
-        half = {name: array.astype(np.float16) for name, array in arrays.items()}
-        with path.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **half)
+        save_arrays(path, **{name: array.astype(np.float16) for name, array in arrays.items()})
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -79,9 +78,16 @@ class Detection:
 
 
 class Detector(Protocol):
-    """Anything that sees refraction in a frame."""
+    """Anything that sees refraction in a frame.
+
+    Attributes:
+        name: Its name.
+        response: What evidence it gives a displacement; None: that of
+            `detect.evidence.log_likelihood_ratio`.
+    """
 
     name: str
+    response: Response | None
 
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`; other frames may serve as neighbours or reference."""

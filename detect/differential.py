@@ -76,16 +76,9 @@ def lucas_kanade(
     """
 
     def step(flow: FloatMap, gx: FloatMap, gy: FloatMap, difference: FloatMap) -> FloatMap:
-        return blur(flow, 1.0) + window_shift(gx, gy, difference, window_px, noise)
+        return blur(flow, 1.0) + Window(gx, gy, window_px, noise).shift(difference)
 
     return _coarse_to_fine(reference, image, step, warps)
-
-
-def window_shift(
-    gx: FloatMap, gy: FloatMap, difference: FloatMap, window_px: float, noise: float
-) -> FloatMap:
-    """(H, W, 2) the shift s with gx s_x + gy s_y + difference = 0, least squares in a window."""
-    return Window(gx, gy, window_px, noise).shift(difference)
 
 
 class Window:

@@ -27,6 +27,7 @@ class FusedDetector:
 
     def __init__(self, first: Detector, second: Detector, *, shared: float = SHARED) -> None:
         self.name = f"{first.name}+{second.name}"
+        self.response = first.response
         self._first, self._second = first, second
         self._shared = shared
 

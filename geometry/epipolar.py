@@ -56,7 +56,7 @@ class Epipolar:
             (..., 2) target position minus source position, px; (..., 2) px per 1 / world unit.
             Points at or behind the target's plane count as just before it.
         """
-        x, y = np.asarray(pixels, dtype=np.float32)[..., 0], np.asarray(pixels)[..., 1]
+        x, y = np.moveaxis(np.asarray(pixels, dtype=np.float32), -1, 0)
         return self._moved(x, y, np.asarray(inverse_depth, dtype=np.float32))
 
     def over_rows(self, inverse_depth: FloatMap, first_row: int = 0) -> tuple[FloatMap, FloatMap]:

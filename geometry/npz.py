@@ -1,15 +1,46 @@
-"""Arrays from .npz files that may be broken."""
+"""Arrays in .npz files: written whole or not at all, never unpickled, and maybe broken."""
 
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
 
 BROKEN = (OSError, EOFError, TypeError, ValueError, BadZipFile, zlib.error)
+
+
+def save_arrays(path: Path, **arrays: ArrayLike) -> None:
+    """Writes a compressed .npz under a temporary name, then renames it.
+
+    Raises:
+        BadInputError: The file cannot be written.
+    """
+    try:
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be written ({error})") from error
+
+
+@contextmanager
+def open_arrays(path: Path, what: str) -> Iterator[Any]:
+    """The arrays of a .npz file by name, each read when it is asked for.
+
+    Raises:
+        BadInputError: The file is missing or broken, or lacks an array; `what` says what it is not.
+    """
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            yield file
+    except (*BROKEN, KeyError) as error:
+        raise BadInputError(f"{path}: not {what}, delete it ({error})") from error
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray[Any, Any]]:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.grid import EvidenceGrid
+from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__
@@ -13,7 +14,7 @@ from locate.fusion.fuse import fuse
 from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal import Report, silent
-from locate.observe import Recorded, load_detections
+from locate.observe import Recorded, load_detections, load_response
 from locate.plume import Plume, PlumeMap
 
 ONE_VIEWPOINT = (
@@ -60,7 +61,13 @@ def decide(
     limit_px = None
     if fused.grid is not None:
         save_grid(fused.grid, fused.threshold_nats, evidence)
-        limit_px = detection_limit_px(views, fused.threshold_nats, views.unit, seed=seed)
+        limit_px = detection_limit_px(
+            views,
+            fused.threshold_nats,
+            views.unit,
+            response=load_response(detections),
+            seed=seed,
+        )
     notes = []
     if not trajectory.metric:
         notes.append(FREE_SCALE)
@@ -116,13 +123,11 @@ def save_grid(grid: EvidenceGrid, threshold_nats: float, path: Path) -> None:
     Summed llr and weight (Z, Y, X), the lowest corner, the voxel's edge, and what counted as a
     plume.
     """
-    with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            allow_pickle=False,
-            llr=grid.llr.astype(np.float16),
-            weight=grid.weight.astype(np.float16),
-            low_in_world=grid.box.low_in_world,
-            voxel=grid.box.voxel,
-            threshold_nats=threshold_nats,
-        )
+    save_arrays(
+        path,
+        llr=grid.llr.astype(np.float16),
+        weight=grid.weight.astype(np.float16),
+        low_in_world=grid.box.low_in_world,
+        voxel=grid.box.voxel,
+        threshold_nats=threshold_nats,
+    )

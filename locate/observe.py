@@ -4,14 +4,15 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from detect.detection import Detection, Detector, Frames
+from detect.response import Response
 from geometry.arrays import FloatArray, IntArray
-from geometry.atomic import replacing
 from geometry.camera import Camera
-from geometry.npz import read_npz
+from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 from locate.images import FrameImages
 from locate.journal import Report
@@ -83,10 +84,14 @@ def observe(
         report("detections", done / len(mine))
         path = folder / f"{recorded.indices[row]:06d}.npz"
         if not path.exists():
-            with replacing(path) as unfinished:
-                detector.detect(frames, int(row)).save(unfinished)
+            detector.detect(frames, int(row)).save(path)
     report("detections", 1.0)
-    index = {"detector": detector.name, "indices": recorded.indices[rows].tolist()}
+    index: dict[str, Any] = {
+        "detector": detector.name,
+        "indices": recorded.indices[rows].tolist(),
+    }
+    if detector.response is not None:
+        index["response"] = detector.response.to_plain()
     if share == WHOLE:
         (folder / "index.json").write_text(json.dumps(index))
     return f"{len(rows)} frames, {detector.name}"
@@ -101,8 +106,7 @@ def load_points(path: Path) -> FloatArray | None:
 
 def save_points(path: Path, points_in_world: FloatArray) -> None:
     """Writes what `load_points` reads."""
-    with path.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, points_in_world=points_in_world)
+    save_arrays(path, points_in_world=points_in_world)
 
 
 def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:
@@ -110,6 +114,17 @@ def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:
     index = json.loads((folder / "index.json").read_text())
     indices: list[int] = index["indices"]
     return index["detector"], indices, [Detection.load(folder / f"{i:06d}.npz") for i in indices]
+
+
+def load_response(folder: Path) -> Response | None:
+    """What evidence the detector of `load_detections` gives a displacement, where it said so.
+
+    Raises:
+        BadInputError: It said something else.
+    """
+    path = folder / "index.json"
+    content = json.loads(path.read_text()).get("response")
+    return None if content is None else Response.from_plain(content, str(path))
 
 
 def spread(count: int, most: int, *, ends: int) -> IntArray:

@@ -12,6 +12,7 @@ from detect.detection import Detection, Frames
 from detect.dybs.judge import Judge
 from detect.dybs.measure import Measured, measure
 from detect.network import Maps, Network
+from detect.response import Response
 from detect.texture import Classes, Texture, texture_classes
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
@@ -133,6 +134,7 @@ class DybsDetector:
     """
 
     name = "dybs"
+    response: Response | None = None
 
     def __init__(self, weights: Path) -> None:
         self.eye = SingleFrame(weights)

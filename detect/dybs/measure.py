@@ -11,7 +11,7 @@ from detect.dybs.demodulation import demodulated
 from detect.dybs.edges import straightness
 from detect.synthesis.dataset import SHARD_SAMPLES, Shard, read_index, shards_in, write_index
 from detect.texture import Classes, Texture, texture_classes
-from geometry.arrays import FloatMap, GreyImage
+from geometry.arrays import BoolArray, FloatMap, GreyImage
 
 CHANNELS = 12
 VECTORS, TENSOR = ((0, 1), (2, 3), (4, 5), (6, 7)), (8, 9, 10)
@@ -39,7 +39,7 @@ class Measured:
     own: FloatMap
     information: FloatMap
     length: FloatMap
-    lattice: np.ndarray
+    lattice: BoolArray
 
     @property
     def certainty(self) -> FloatMap:
@@ -88,8 +88,11 @@ def channels(measured: Measured) -> FloatMap:
 def measured_shard(shard: Shard) -> Shard:
     """The shard's samples as channels, truth and masks at half resolution."""
     planes = [channels(measure(image, texture_classes(image))) for image in shard.images]
-    truth = [cv2.resize(d.astype(np.float32), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-             for d in shard.displacements]  # fmt: skip
+    height, width = planes[0].shape[1:]
+    truth = [
+        cv2.resize(w.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+        for w in shard.displacements
+    ]
     return Shard(
         images=np.moveaxis(np.stack(planes), 1, -1).astype(np.float16),
         displacements=np.stack(truth).astype(np.float16),

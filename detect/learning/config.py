@@ -176,6 +176,9 @@ class TrainConfig(_Settings):
         named = {name for stage in self.stages for name in stage.pools} | {self.validation}
         for name in sorted(named - self.pools.keys()):
             raise ValueError(f"pools: {name} is used and not named there")
+        for name, pool in self.pools.items():
+            if any(end <= first for first, end in pool.seeds or ()):
+                raise ValueError(f"pools: {name}: seeds are ranges (first, after last)")
         for stage in self.stages:
             for weights in (stage.pools, stage.families or {"": 1.0}):
                 if min(weights.values(), default=0) < 0 or sum(weights.values()) <= 0:

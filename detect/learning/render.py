@@ -5,8 +5,8 @@ from pathlib import Path
 
 from detect.learning.config import TrainConfig
 from detect.synthesis import Recipe, render_dataset, write_run
-from detect.synthesis.archive import open_arrays
 from detect.synthesis.dataset import SHARD_SAMPLES
+from geometry.npz import open_arrays
 
 Report = Callable[[str, float], None]
 

@@ -1,9 +1,9 @@
-"""Teaches a network over registered neighbours what its scores are worth.
+"""Teaches a network over registered neighbours what its scores are worth, and what it would see.
 
     python -m detect.registered.calibrate NETWORK.onnx --lessons FOLDER [--seeds FIRST END]...
 
 FOLDER holds lessons of scenes that the network was not trained on. The file is written anew with
-the calibration in its metadata. Needs the `onnx` package (extra `train`).
+the calibration and the response in its metadata. Needs the `onnx` package (extra `train`).
 """
 
 import argparse
@@ -15,8 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from detect.calibration import Calibration
+from detect.evidence import null_scale
+from detect.registered.features import feature
 from detect.registered.learned import CLASS_NAMES, SCORES, Opinion, Reader
 from detect.registered.lessons import Lesson, lesson_paths, seed_of
+from detect.response import Response
 from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import BadInputError, LocateError
 
@@ -33,6 +36,7 @@ class Read:
         truth: (H, W, 2) px.
         positive: (H, W) where there is plume.
         counts: (H, W) where a pixel is one or the other, and anything was measured.
+        ratio: (H, W) the true |w| in units of the sigma that the detection states where still.
     """
 
     opinion: Opinion
@@ -40,6 +44,7 @@ class Read:
     truth: FloatMap
     positive: BoolArray
     counts: BoolArray
+    ratio: FloatMap
 
 
 def read_lesson(reader: Reader, lesson: Lesson) -> Iterator[Read]:
@@ -54,28 +59,46 @@ def read_lesson(reader: Reader, lesson: Lesson) -> Iterator[Read]:
             truth=truth.astype(np.float32),
             positive=size_px > plume_px,
             counts=((size_px > plume_px) | (size_px < still_px)) & opinion.measured,
+            ratio=size_px / stated_sigma_px(inputs, opinion.measured),
         )
 
 
-def fitted(weights: Path, lessons: Iterable[Lesson]) -> Calibration:
-    """The calibration on lessons, every `THINNED`-th row and column of their frames."""
+def stated_sigma_px(inputs: FloatMap, measured: BoolArray) -> FloatMap:
+    """(H, W) px, of the displacements in (C, H, W) features; see `displacement_evidence`."""
+    size_px = np.hypot(feature(inputs, "displacement_x"), feature(inputs, "displacement_y"))
+    sigma_px = feature(inputs, "log_sigma")
+    scale = null_scale(size_px, sigma_px, feature(inputs, "log_texture"), measured)
+    return np.asarray(sigma_px * scale, dtype=np.float32)
+
+
+def fitted(weights: Path, lessons: Iterable[Lesson]) -> tuple[Calibration, Response | None]:
+    """What lessons show, by every `THINNED`-th row and column of their frames.
+
+    Returns:
+        The calibration; the response of the detector that it makes, None where all is silent.
+    """
     reader = Reader(weights)
     thin = (slice(None, None, THINNED),) * 2
     parts = []
     for lesson in lessons:
         for read in read_lesson(reader, lesson):
-            counts = read.counts[thin]
             opinion = read.opinion
-            columns = opinion.scores[thin], read.positive[thin], opinion.places[thin]
-            parts.append([column[counts] for column in columns])
-    scores, labels, places = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Calibration.fit(
-        scores.astype(float), labels, places, score_names=SCORES, class_names=CLASS_NAMES
+            maps = opinion.scores, opinion.places, read.positive, read.counts, read.ratio
+            parts.append([one[thin][opinion.measured[thin]] for one in maps])
+    scores, places, labels, counts, ratios = map(np.concatenate, zip(*parts, strict=True))
+    calibration = Calibration.fit(
+        scores[counts].astype(float),
+        labels[counts],
+        places[counts],
+        score_names=SCORES,
+        class_names=CLASS_NAMES,
     )
+    llr = calibration.llr(scores, places, CLASS_NAMES)
+    return calibration, Response.measured(ratios[llr != 0], llr[llr != 0])
 
 
 def calibrate(weights: Path, lessons: Iterable[Lesson]) -> Calibration:
-    """Fits a network's calibration and writes it into its file.
+    """Fits a network's calibration and response and writes them into its file.
 
     Args:
         weights: The .onnx file, which is replaced.
@@ -86,8 +109,12 @@ def calibrate(weights: Path, lessons: Iterable[Lesson]) -> Calibration:
     """
     from detect.learning.export import annotate
 
-    calibration = fitted(weights, lessons)
-    annotate(weights, {"calibration": json.dumps(calibration.to_plain())})
+    calibration, response = fitted(weights, lessons)
+    plain = {
+        "calibration": calibration.to_plain(),
+        "response": None if response is None else response.to_plain(),
+    }
+    annotate(weights, {key: json.dumps(content) for key, content in plain.items()})
     return calibration
 
 

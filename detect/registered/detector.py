@@ -56,6 +56,7 @@ class RegisteredDetector:
         self._points_in_world = points_in_world
         self._reader = None if weights is None else Reader(weights)
         self._calibration = None if self._reader is None else self._reader.calibration()
+        self.response = None if self._reader is None else self._reader.response()
         self.name = "registered-plain" if self._reader is None else "registered"
 
     def detect(self, frames: Frames, index: int) -> Detection:

@@ -27,7 +27,9 @@ SMALL_PX = 0.1
 UNMEASURED_SIGMA_PX = 3.0
 NEIGHBOURS = 8.0
 LOG_UNIT = 3.0
-Plain = Literal["log_texture", "log_depth_edge", "visible"]
+Plain = Literal[
+    "displacement_x", "displacement_y", "log_sigma", "log_texture", "log_depth_edge", "visible"
+]
 
 
 def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
@@ -61,9 +63,12 @@ def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
 
 
 def feature(inputs: FloatMap, name: Plain) -> FloatMap:
-    """(H, W) what a channel of (C, H, W) was made of, in the unit of `Measurement`."""
+    """(H, W) what a channel of (C, H, W) was made of, in the unit of `Measurement`; sigma in px."""
     channel = inputs[FEATURES.index(name)].astype(np.float32)
     plain = {
+        "displacement_x": lambda: np.sinh(channel) * SMALL_PX,
+        "displacement_y": lambda: np.sinh(channel) * SMALL_PX,
+        "log_sigma": lambda: np.exp(channel) * SMALL_PX,
         "log_texture": lambda: np.expm1(channel * LOG_UNIT),
         "log_depth_edge": lambda: np.expm1(channel),
         "visible": lambda: channel * NEIGHBOURS,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from detect.calibration import Calibration
 from detect.network import Network
 from detect.registered.features import FEATURES, feature
+from detect.response import Response
 from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import BadInputError
 
@@ -91,6 +92,15 @@ class Reader:
         if calibration.scores != SCORES:
             raise BadInputError(f"{where}: calibrated for other scores; calibrate it anew")
         return calibration
+
+    def response(self) -> Response | None:
+        """What evidence the file says that a displacement gets; None where it does not say.
+
+        Raises:
+            BadInputError: It says something else.
+        """
+        content = self.network.json("response")
+        return None if content is None else Response.from_plain(content, str(self.network.path))
 
     def read(self, inputs: FloatMap) -> Opinion:
         """Looks at (C, H, W) features."""

@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from detect.synthesis.archive import open_arrays, save_arrays
 from geometry.arrays import BoolArray
+from geometry.npz import open_arrays, save_arrays
 
 PLUME_SHARE = 0.3
 LEAST_PLUME_PX, STILL_PX = 0.02, 0.01

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detect.synthesis.archive import open_arrays, save_arrays
 from detect.synthesis.recipe import FAMILIES, SAMPLE_FAMILIES, Recipe
 from detect.synthesis.sample import Sample, Sources, sample_at
 from geometry.arrays import BoolArray
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
+from geometry.npz import open_arrays, save_arrays
 
 SCHEMA = "locate.samples/1"
 INDEX_NAME = "dataset.json"

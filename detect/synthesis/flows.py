@@ -9,11 +9,11 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import gaussian_filter
 
-from detect.synthesis.archive import open_arrays, save_arrays
 from detect.synthesis.buoyancy import DIFFUSION_CELLS, BuoyantFlow
 from detect.synthesis.split import Split, split_of_run
 from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import BadInputError
+from geometry.npz import open_arrays, save_arrays
 from geometry.refraction import AMBIENT_TEMPERATURE_K, density_deficit, refractivity
 
 RunKind = Literal["laminar", "turbulent", "windy", "several", "plate"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError
+from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 
 
@@ -36,15 +37,13 @@ class Reconstruction:
         """Writes trajectory.json, points.npz and report.json."""
         folder.mkdir(parents=True, exist_ok=True)
         self.trajectory.save(folder / "trajectory.json")
-        with (folder / "points.npz").open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                points_in_world=self.points_in_world,
-                point_errors_px=self.point_errors_px,
-                visible=np.concatenate([np.zeros(0, dtype=np.int64), *self.visible]),
-                visible_counts=np.array([len(rows) for rows in self.visible], dtype=np.int64),
-            )
+        save_arrays(
+            folder / "points.npz",
+            points_in_world=self.points_in_world,
+            point_errors_px=self.point_errors_px,
+            visible=np.concatenate([np.zeros(0, dtype=np.int64), *self.visible]),
+            visible_counts=np.array([len(rows) for rows in self.visible], dtype=np.int64),
+        )
         report = {"names": list(self.names), "report": self.report}
         (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False))
 
@@ -56,17 +55,17 @@ class Reconstruction:
             BadInputError: A file is missing or damaged.
         """
         trajectory = Trajectory.load(folder / "trajectory.json")
+        points = read_npz(folder / "points.npz")
         try:
             content = json.loads((folder / "report.json").read_text())
-            with np.load(folder / "points.npz", allow_pickle=False) as file:
-                ends = np.cumsum(file["visible_counts"])[:-1]
-                return cls(
-                    trajectory=trajectory,
-                    names=tuple(content["names"]),
-                    points_in_world=file["points_in_world"],
-                    point_errors_px=file["point_errors_px"],
-                    visible=tuple(np.split(file["visible"], ends)),
-                    report=content["report"],
-                )
+            ends = np.cumsum(points["visible_counts"])[:-1]
+            return cls(
+                trajectory=trajectory,
+                names=tuple(content["names"]),
+                points_in_world=points["points_in_world"],
+                point_errors_px=points["point_errors_px"],
+                visible=tuple(np.split(points["visible"], ends)),
+                report=content["report"],
+            )
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise BadInputError(f"{folder}: not a readable reconstruction ({error})") from error

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
 from locate.journal import progress_bars
 
@@ -91,6 +92,8 @@ def dds(
     from locate.robot.wire import Wire
     from locate.robot.wiring import PoseSource, Wiring
 
+    if pose and pose_topic is None:
+        raise BadInputError("--pose says what the pose topic is; give --pose-topic with it")
     source: PoseSource = "tf" if pose_topic is None else "pose" if pose else "odometry"
     wiring = Wiring(
         world_frame=world_frame, body_frame=body_frame, pose_source=source, rectified=rectified

@@ -60,9 +60,8 @@ def survey(
     verbose: Verbose = False,
 ) -> None:
     """Join many flights to one updraft map; add flights to one that stands."""
-    from locate.survey.build import SURVEY
+    from locate.survey.build import SURVEY, opened
     from locate.survey.build import survey as join
-    from locate.survey.model import Settings, Survey
     from locate.survey.storage import fetched, mirrored
     from locate.survey.table import survey_table
 
@@ -84,9 +83,7 @@ def survey(
         mirrored(output, scheduler) as folder,
         progress_bars(err) as report,
     ):
-        path = folder / SURVEY
-        before = Survey.load(path).settings if path.exists() else Settings()
-        folder.mkdir(parents=True, exist_ok=True)
+        before = opened(folder).settings
         with journal(folder / "log.jsonl", console=err if verbose else None):
             done = join(
                 fetched(flights or [], folder, scheduler),

@@ -25,7 +25,9 @@ Report = Callable[[str, float], None]
 def train(
     config: Annotated[
         Path,
-        typer.Argument(help="A shipped training (registered, lite-fast, lite, paper) or a config."),
+        typer.Argument(
+            help="A shipped one (registered, judge, lite-fast, lite, paper) or a config."
+        ),
     ],
     output: Output,
     data: Annotated[

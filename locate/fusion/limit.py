@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
+from detect.response import Response
 from geometry.arrays import FloatArray, FloatMap
 from locate.fusion.column import agreed, score
 from locate.fusion.views import Views
@@ -17,18 +18,24 @@ FEWEST_VIEWS = 2.0
 
 
 def detection_limit_px(
-    views: Views, threshold_nats: float, unit: float, *, seed: int = 0
+    views: Views,
+    threshold_nats: float,
+    unit: float,
+    *,
+    response: Response | None = None,
+    seed: int = 0,
 ) -> float | None:
     """The smallest displacement with which half of all places would have passed the threshold.
 
     Columns of a usual shape are put at random where at least two views look, each pixel of them
-    is given the evidence that its own sigma allows for that displacement, and the sum is held
-    against the threshold. The background's silence (llr 0) stays silent.
+    is given the evidence that the detector gives that displacement at its own sigma, and the sum
+    is held against the threshold. The background's silence (llr 0) stays silent.
 
     Args:
         views: The evidence of the run.
         threshold_nats: What counts as a plume.
         unit: The yardstick of fusion, world units.
+        response: Of the detector; None: the hand-made formula.
         seed: Of the places.
 
     Returns:
@@ -42,7 +49,8 @@ def detection_limit_px(
     if not len(columns):
         return None
     for amplitude in AMPLITUDES_PX:
-        nats = agreed(score(replace(views, llr=expected_llr(views, float(amplitude))), columns))
+        expected = replace(views, llr=expected_llr(views, float(amplitude), response))
+        nats = agreed(score(expected, columns))
         if (nats > threshold_nats).mean() >= SHARE_SEEN:
             return float(amplitude)
     return None
@@ -62,10 +70,13 @@ def _places(views: Views, unit: float, rng: np.random.Generator) -> FloatArray:
     return columns
 
 
-def expected_llr(views: Views, amplitude_px: float) -> FloatMap:
+def expected_llr(views: Views, amplitude_px: float, response: Response | None = None) -> FloatMap:
     """(V, H, W) evidence a displacement would give where anything was measured at all."""
     measured = np.isfinite(views.sigma_px) & (views.llr != 0)
     sigma = np.where(measured, views.sigma_px, 1.0).astype(np.float32)
     size = np.full_like(sigma, amplitude_px)
-    llr = np.clip(log_likelihood_ratio(size, sigma), LLR_MIN, LLR_MAX)
+    if response is None:
+        llr = np.clip(log_likelihood_ratio(size, sigma), LLR_MIN, LLR_MAX)
+    else:
+        llr = response(size, sigma)
     return np.where(measured, llr, 0).astype(np.float32)

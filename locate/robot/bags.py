@@ -1,7 +1,7 @@
 """Recordings of robots (ROS 2 .mcap and .db3, ROS 1 .bag): played, and what was found written."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,16 +63,17 @@ def opened(path: Path) -> Iterator["AnyReader"]:
         BadInputError: The extra `bag` is not installed, or it is no bag that can be read.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.rosbag2 import ReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise BadInputError('bags need an extra: pip install "plume-locate[bag]"') from error
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            yield reader
-    except (AnyReaderError, ReaderError, OSError) as error:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
+        reader.open()
+    except Exception as error:  # each storage and compression of a damaged bag has its own errors
         raise BadInputError(f"{path}: not a bag that can be read ({error})") from error
+    with closing(reader):
+        yield reader
 
 
 def locate_in_bag(
@@ -192,13 +193,19 @@ class BagTopics:
         if not chosen:
             return
         start_ns, length_ns = self._reader.start_time, max(self._reader.duration, 1)
-        for connection, time_ns, data in self._reader.messages(connections=chosen):
+        for connection, time_ns, data in self._stored(chosen):
             try:
                 message = self._reader.deserialize(data, connection.msgtype)
             except AnyReaderError as error:
                 refuse("message", BadInputError(f"{connection.topic}: {error}"))
                 continue
             yield connection.topic, (time_ns - start_ns) / length_ns, message
+
+    def _stored(self, chosen: Sequence["Connection"]) -> Iterator[tuple["Connection", int, bytes]]:
+        try:
+            yield from self._reader.messages(connections=chosen)
+        except Exception as error:  # as in `opened`
+            raise BadInputError(f"{self._path}: damaged ({error})") from error
 
 
 def _play(topics: BagTopics, feeder: Feeder, report: Report) -> Iterator[Update]:

@@ -12,6 +12,7 @@ import numpy as np
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.npz import save_arrays
 from geometry.trajectory import Trajectory
 from locate.simulation.plume import PlumeField
 from locate.simulation.render import Truth
@@ -75,13 +76,12 @@ def make_folder(folder: Path) -> None:
 def write_truth(folder: Path, index: int, truth: Truth) -> None:
     """DIR/truth/{index:06d}.npz: displacement and depth as float16, mask as bool."""
     depth = np.where(truth.depth > LARGEST_HALF, np.inf, truth.depth).astype(np.float16)
-    with (folder / "truth" / f"{index:06d}.npz").open("wb") as file:
-        np.savez_compressed(
-            file,
-            displacement=truth.displacement.astype(np.float16),
-            mask=truth.mask,
-            depth=depth,
-        )
+    save_arrays(
+        folder / "truth" / f"{index:06d}.npz",
+        displacement=truth.displacement.astype(np.float16),
+        mask=truth.mask,
+        depth=depth,
+    )
 
 
 def write_summary(

@@ -54,7 +54,7 @@ def survey(
     Raises:
         BadInputError: The folder cannot be used, or no flight could be placed on the Earth.
     """
-    before = _opened(output)
+    before = opened(output)
     settings = settings or before.settings
     flights = _flown(before, _named(given, before, output), settings, scheduler, report)
     begun = Survey(settings=settings, origin=before.origin, flights=flights)
@@ -77,7 +77,12 @@ def survey(
     return done
 
 
-def _opened(output: Path) -> Survey:
+def opened(output: Path) -> Survey:
+    """The survey that a folder holds, or an empty one; the folder is made where it is missing.
+
+    Raises:
+        BadInputError: It cannot be written, or holds a survey of another version.
+    """
     try:
         output.mkdir(parents=True, exist_ok=True)
         for name in (FLIGHTS, LOOKS):

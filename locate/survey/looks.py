@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from detect.response import Response
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
@@ -22,7 +23,7 @@ from locate.fusion.fuse import FALSE_ALARM
 from locate.fusion.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
-from locate.observe import load_detections
+from locate.observe import load_detections, load_response
 from locate.plume import Plume
 from locate.run_folder import digest
 from locate.survey.flights import read_config
@@ -124,7 +125,7 @@ def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> 
     """Works out where a flight looked.
 
     A column stands on the ground in the middle of every cell that the flight saw the ground
-    of, and the evidence that each pixel's own sigma allows for its displacement is held against
+    of, and the evidence that its displacement gets at each pixel's own sigma is held against
     what the run took for a plume, as for the map's own detection limit.
 
     Args:
@@ -163,7 +164,8 @@ def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> 
     plumes = flight.answer.plumes
     columns = np.concatenate([cells, np.reshape([column_of(plume) for plume in plumes], (-1, 8))])
     needed = np.append(np.full(len(cells), threshold), [plume.evidence_nats for plume in plumes])
-    found_px = column_limits_px(views, columns, needed)
+    response = load_response(flight.folder / "detections")
+    found_px = column_limits_px(views, columns, needed, response)
     limit_px[rows, easts] = found_px[: len(cells)]
     return Looks(low=low, limit_px=limit_px, seen_px=found_px[len(cells) :].astype(np.float32))
 
@@ -233,7 +235,9 @@ def ground_of(points_in_survey: FloatArray, cell_m: float) -> tuple[IntArray, Fl
     return low, np.where(distance <= REACH_CELLS, filled, np.nan)
 
 
-def column_limits_px(views: Views, columns: FloatArray, needed_nats: FloatArray) -> FloatArray:
+def column_limits_px(
+    views: Views, columns: FloatArray, needed_nats: FloatArray, response: Response | None = None
+) -> FloatArray:
     """(N,) the smallest of `AMPLITUDES_PX` that gives a column its (N,) evidence, or inf."""
     limits = np.full(len(columns), np.inf)
     looked_at = replace(views, llr=np.ones_like(views.llr))
@@ -242,7 +246,7 @@ def column_limits_px(views: Views, columns: FloatArray, needed_nats: FloatArray)
     for amplitude in AMPLITUDES_PX:
         if not len(left):
             break
-        expected = replace(views, llr=expected_llr(views, float(amplitude)))
+        expected = replace(views, llr=expected_llr(views, float(amplitude), response))
         found = agreed(score(expected, columns[left])) > needed_nats[left]
         limits[left[found]] = amplitude
         left = left[~found]

@@ -253,7 +253,9 @@ class Survey(_Block):
         Raises:
             BadInputError: No flight has a place on the Earth.
         """
-        return Georeference.from_dict(self.origin or {})
+        if self.origin is None:
+            raise BadInputError("the survey has no flight with a place on the Earth")
+        return Georeference.from_dict(self.origin)
 
     @property
     def mapped(self) -> tuple[Flight, ...]:

@@ -127,7 +127,7 @@ def _flight_row(survey: Survey, flight: Flight) -> list[str]:
     wind = next((wind for wind in survey.winds if wind.flight == flight.name), None)
     when = "not known"
     if flight.moment is not None:
-        hour, minute = divmod(round(60 * flight.moment.hour), 60)
+        hour, minute = divmod(round(60 * flight.moment.hour) % (24 * 60), 60)
         when = f"{hour:02d}:{minute:02d}, day {flight.moment.day_of_year}"
     lean = ""
     if wind is not None:

@@ -15,6 +15,8 @@ from locate.telemetry.read import SIDECARS
 
 FETCHED = "recordings"
 NAME_DIGITS = 10
+STATE = (".json", ".yaml", ".jsonl", ".html", ".geojson", ".gpkg", ".tif", ".cup", ".gpx")
+"""Small files that may change and keep their size: always copied."""
 
 
 def is_address(text: str) -> bool:
@@ -135,8 +137,7 @@ def push(folder: Path, files: Any, root: str) -> None:
 
 
 def _is_state(path: Path) -> bool:
-    """Small files that may change and keep their size."""
-    return path.suffix in (".json", ".yaml", ".jsonl", ".html")
+    return path.suffix in STATE
 
 
 def _pull_file(files: Any, path: str, size: int, target: Path) -> None:

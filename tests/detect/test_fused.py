@@ -5,6 +5,7 @@ import pytest
 
 from detect.detection import Detection, Frames
 from detect.fused import FusedDetector, fused
+from detect.response import Response
 
 
 def one(llr: float, w: float = 0.0, sigma_px: float = np.inf) -> Detection:
@@ -73,12 +74,14 @@ def test_sigma_of_the_mean_is_that_of_correlated_errors(shared: float) -> None:
 class Says:
     def __init__(self, name: str, llr: float) -> None:
         self.name, self._llr = name, llr
+        self.response = Response(ratios=(0.0,), llr=(llr,))
 
     def detect(self, frames: Frames, index: int) -> Detection:
         return one(self._llr, sigma_px=0.1)
 
 
 def test_it_is_a_detector_named_after_both() -> None:
-    detector = FusedDetector(Says("registered", 1.0), Says("dybs", 1.0), shared=0.0)
+    detector = FusedDetector(Says("registered", 1.0), Says("dybs", 1.5), shared=0.0)
     assert detector.name == "registered+dybs"
-    assert value(detector.detect(Frames(images=[np.zeros((1, 1), np.uint8)]), 0)) == 2.0
+    assert detector.response == Response(ratios=(0.0,), llr=(1.0,))
+    assert value(detector.detect(Frames(images=[np.zeros((1, 1), np.uint8)]), 0)) == 2.5

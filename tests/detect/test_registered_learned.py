@@ -136,6 +136,11 @@ def test_other_seeds_lead_elsewhere(tmp_path: Path) -> None:
     assert one.pools["some"].all_seeds() == [7, 8]
 
 
+def test_an_empty_range_of_seeds_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="some: seeds are ranges"):
+        config_of(tmp_path, {"some": {"folder": ".", "seeds": [[7, 9], [9, 9]]}})
+
+
 def test_a_denser_gas_bends_the_other_way() -> None:
     rng = np.random.default_rng(0)
     image, displacement = rng.normal(size=(3, 4, 4)), rng.normal(size=(2, 4, 4))
@@ -168,6 +173,9 @@ def test_features_tell_what_they_were_made_of(name: Plain, attribute: str) -> No
     measurement = Measurement(displacement=vectors[0], first_displacement=vectors[1], **scalars)
     inputs = features(measurement, np.full(SHAPE, 0.1, np.float32))
     np.testing.assert_allclose(feature(inputs, name), getattr(measurement, attribute), rtol=1e-4)
+    np.testing.assert_allclose(feature(inputs, "log_sigma"), 0.1, rtol=1e-4)
+    for axis, component in enumerate(("displacement_x", "displacement_y")):
+        np.testing.assert_allclose(feature(inputs, component), vectors[0, ..., axis], rtol=1e-3)
 
 
 def test_places_are_by_texture_and_depth_edge() -> None:
@@ -199,6 +207,14 @@ def test_the_network_says_where_and_the_measurement_how_much(
     assert not detection.llr[measured & ~rich].any()
 
 
+def test_a_network_may_say_nothing_of_its_response(tmp_path: Path) -> None:
+    assert RegisteredDetector().response is None
+    assert RegisteredDetector(weights=network(tmp_path / "n.onnx")).response is None
+    broken = network(tmp_path / "broken.onnx", response={"ratios": [0, 1]})
+    with pytest.raises(BadInputError, match=r"broken\.onnx: not a response"):
+        RegisteredDetector(weights=broken)
+
+
 def test_other_networks_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="13 channels"):
         RegisteredDetector(weights=network(tmp_path / "grey.onnx", channels=1))
@@ -222,6 +238,11 @@ def test_calibration_makes_the_score_mean_what_it_says(
     reader = Reader(path)
     calibration = reader.calibration()
     assert set(calibration.scales) == {"rich"}
+    response = reader.response()
+    assert response is not None
+    still, displaced = response(np.array([[0.0, 0.3]]), np.array([[0.1, 0.1]]))[0]
+    assert still < -0.5 < 0.5 < displaced
+    assert RegisteredDetector(weights=path).response == response
     held_out = lesson(0.3, seed=11, shape=(48, 64))
     for read in read_lesson(reader, held_out):
         s = read.inputs[0].astype(np.float32)

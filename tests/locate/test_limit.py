@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from locate.fusion.limit import AMPLITUDES_PX, detection_limit_px
+from detect.response import Response
+from locate.fusion.limit import AMPLITUDES_PX, detection_limit_px, expected_llr
 from locate.simulation.evidence import NONE, corrupted_views, orbit
 
 
@@ -32,3 +33,24 @@ def test_unmeasured_views_have_no_limit(views) -> None:
 
 def test_limit_is_one_of_the_amplitudes(views) -> None:
     assert detection_limit_px(views, 20.0, views.unit) in AMPLITUDES_PX
+
+
+def seen_from(ratio: float) -> Response:
+    return Response(ratios=(0.99 * ratio, ratio), llr=(-1.0, 2.0))
+
+
+def test_limit_is_by_what_the_detector_sees(views) -> None:
+    views = replace(views, sigma_px=np.full_like(views.llr, 0.1))
+    for ratio in (0.7, 5.0):
+        limit_px = detection_limit_px(views, 20.0, views.unit, response=seen_from(ratio))
+        assert limit_px == AMPLITUDES_PX[0.1 * ratio <= AMPLITUDES_PX][0]
+
+
+def test_a_response_leaves_the_silent_silent(views) -> None:
+    llr = views.llr.copy()
+    llr[:, :10] = 0
+    sigma_px = np.full_like(llr, 0.1)
+    sigma_px[:, 10:20] = np.inf
+    expected = expected_llr(replace(views, llr=llr, sigma_px=sigma_px), 0.2, seen_from(1.0))
+    assert not expected[:, :20].any()
+    np.testing.assert_array_equal(expected[llr != 0][sigma_px[llr != 0] < 1], 2)

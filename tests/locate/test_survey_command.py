@@ -93,6 +93,12 @@ def write_campaign(root: Path) -> tuple[Path, list[Path]]:
     return folder, runs
 
 
+def test_a_file_is_no_folder_for_a_survey(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(BadInputError, match="choose another folder with -o"):
+        typed(command, tmp_path / "flight.mp4", "-o", tmp_path / "out")
+
+
 def test_a_perfect_survey_scores_so(tmp_path: Path) -> None:
     truth, runs = write_campaign(tmp_path)
     score = score_survey(survey(runs, tmp_path / "out", settings=SETTINGS), truth)

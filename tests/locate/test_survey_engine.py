@@ -4,8 +4,10 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
@@ -70,24 +72,29 @@ def two_cores(monkeypatch):
 
 
 def wait_for(path: Path) -> str:
-    for _ in range(1200):
+    for _ in range(3600):
         if path.exists() and path.read_text():
             return path.read_text()
         time.sleep(0.05)
     raise AssertionError(f"{path} never came")
 
 
-def kill_when_busy(folder: Path) -> None:
-    """Kills the worker that is at the slow part, and lets the next one through."""
-    code = (
-        "import os, pathlib, signal, sys, time\n"
-        "folder = pathlib.Path(sys.argv[1])\n"
-        "while not ((folder / 'busy').exists() and (folder / 'busy').read_text()):\n"
-        "    time.sleep(0.05)\n"
-        "os.kill(int((folder / 'busy').read_text()), signal.SIGKILL)\n"
-        "(folder / 'go').touch()\n"
-    )
-    subprocess.Popen([sys.executable, "-c", code, str(folder)])
+@contextmanager
+def killed_when_busy(folder: Path, pid: int | None = None):
+    """Kills a process once the slow part is being done: by default the worker that is at it."""
+
+    def kill():
+        busy = int(wait_for(folder / "busy"))
+        os.kill(busy if pid is None else pid, signal.SIGKILL)
+        if pid is None:
+            (folder / "go").touch()
+
+    watcher = Thread(target=kill)
+    watcher.start()
+    try:
+        yield
+    finally:
+        watcher.join()
 
 
 def test_one_process_does_one_after_the_other(tmp_path):
@@ -106,8 +113,8 @@ def pids(path: Path) -> list[str]:
 
 
 def test_a_killed_worker_costs_the_task_it_was_at(tmp_path):
-    kill_when_busy(tmp_path)
-    answers = dict(map_flights(Work(folder=tmp_path, slow="b"), NAMES, LOCAL))
+    with killed_when_busy(tmp_path):
+        answers = dict(map_flights(Work(folder=tmp_path, slow="b"), NAMES, LOCAL))
     assert answers == dict.fromkeys(NAMES, DONE)
     killed = (tmp_path / "busy").read_text()
     workers = {pid for name in NAMES for pid in pids(tmp_path / name)}
@@ -142,16 +149,10 @@ def test_a_lost_scheduler_costs_no_finished_part(tmp_path):
     worker = start("worker", "--nthreads", "1", "--death-timeout", "60")
     try:
         answers = map_flights(Work(folder=tmp_path, slow="b"), ["b"], address)
-        watcher = (
-            "import os, pathlib, signal, sys, time\n"
-            "for _ in range(1200):\n"
-            "    time.sleep(0.05)\n"
-            "    if pathlib.Path(sys.argv[1]).exists(): break\n"
-            "os.kill(int(sys.argv[2]), signal.SIGKILL)\n"
-        )
-        arguments = [str(tmp_path / "busy"), str(scheduler.pid)]
-        subprocess.Popen([sys.executable, "-c", watcher, *arguments])
-        with pytest.raises(BadInputError, match=r"scheduler was lost.*goes on"):
+        with (
+            killed_when_busy(tmp_path, scheduler.pid),
+            pytest.raises(BadInputError, match=r"scheduler was lost.*goes on"),
+        ):
             list(answers)
     finally:
         for process in (scheduler, worker):

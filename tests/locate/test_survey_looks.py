@@ -1,5 +1,6 @@
 """When a flight was, which way its columns lean, and where it looked."""
 
+import json
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from detect.response import Response
 from geometry.errors import BadInputError
 from locate.survey.cells import Spot, count_cells, spread
 from locate.survey.flights import Fly, Given
@@ -105,6 +107,18 @@ def test_a_noisier_flight_finds_only_stronger_columns(tmp_path: Path) -> None:
         looks = look(flight(tmp_path, Flown(name=name, sigma_px=sigma_px)), FIELD, CELL_M, COLUMN)
         weakest.append(float(np.median(looks.limit_px[np.isfinite(looks.limit_px)])))
     assert 2 < weakest[1] / weakest[0] < 8
+
+
+def test_a_flight_finds_what_its_detector_sees(tmp_path: Path) -> None:
+    one = flight(tmp_path, Flown(name="keen"))
+    by_hand = look(one, FIELD, CELL_M, COLUMN)
+    path = one.folder / "detections" / "index.json"
+    response = Response(ratios=(0.0, 0.6), llr=(-1.0, 4.0))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"response": response.to_plain()}))
+    keen = look(one, FIELD, CELL_M, COLUMN)
+    seen = np.isfinite(by_hand.limit_px)
+    assert (keen.limit_px[seen] <= by_hand.limit_px[seen]).all()
+    assert np.median(keen.limit_px[seen]) < np.median(by_hand.limit_px[seen]) / 2
 
 
 def test_what_was_seen_is_told_in_the_terms_of_the_limit(tmp_path: Path) -> None:

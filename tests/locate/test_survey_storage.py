@@ -41,14 +41,17 @@ def test_what_is_not_there_is_told(memory, tmp_path):
 
 def test_a_survey_elsewhere_is_sent_back(memory, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    memory.pipe({"/survey/survey.json": b"old", "/survey/gone.txt": b"gone"})
+    memory.pipe({"/survey/survey.json": b"old", "/survey/survey.gpkg": b"old"})
+    memory.pipe({"/survey/gone.txt": b"gone"})
     with mirrored("memory://survey") as folder:
         assert (folder / "survey.json").read_bytes() == b"old"
         (folder / "survey.json").write_bytes(b"new")
+        (folder / "survey.gpkg").write_bytes(b"new")
         (folder / "gone.txt").unlink()
         (folder / "flights" / "a").mkdir(parents=True)
         (folder / "flights" / "a" / "map.json").write_bytes(b"{}")
     assert memory.cat("/survey/survey.json") == b"new"
+    assert memory.cat("/survey/survey.gpkg") == b"new"
     assert memory.cat("/survey/flights/a/map.json") == b"{}"
     assert not memory.exists("/survey/gone.txt")
     with pytest.raises(KeyError):

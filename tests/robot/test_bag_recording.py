@@ -1,5 +1,6 @@
 """`locate run` on a robot's recording: the frames, the camera and the poses it works with."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -207,3 +208,19 @@ def test_bags_that_debians_rosbag_wrote_are_read(compression: str) -> None:
     expected = [[0.0, 0.5 * i, 0.0] for i in range(6)]
     np.testing.assert_allclose(poses.trajectory.centers_in_world, expected, atol=1e-9)
     assert poses.names == tuple(frame.source for frame in frames)
+
+
+@pytest.mark.parametrize("kept", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("compression", ["none", "lz4", "bz2"])
+def test_damaged_bags_are_refused_in_one_line(
+    compression: str, kept: float, tmp_path: Path
+) -> None:
+    whole = (Path(__file__).parent / "data" / f"debian_{compression}.bag").read_bytes()
+    cut, scratched = tmp_path / "cut.bag", tmp_path / "scratched.bag"
+    at = int(kept * len(whole))
+    cut.write_bytes(whole[:at])
+    scratched.write_bytes(whole[:at] + bytes(64) + whole[at + 64 :])
+    with pytest.raises(BadInputError, match=r"cut\.bag"):
+        BagRecording(path=cut).recording(max_side=640)
+    with suppress(BadInputError):  # what is scratched may be a picture
+        BagRecording(path=scratched).recording(max_side=640)

@@ -32,3 +32,9 @@ def test_dds_without_its_extra_says_what_to_install(monkeypatch: pytest.MonkeyPa
     result = CliRunner().invoke(robot, ["dds"])
     assert isinstance(result.exception, BadInputError)
     assert "plume-locate[dds]" in str(result.exception)
+
+
+def test_pose_without_its_topic_is_refused() -> None:
+    result = CliRunner().invoke(robot, ["dds", "--pose"])
+    assert isinstance(result.exception, BadInputError)
+    assert "--pose-topic" in str(result.exception)

@@ -1,0 +1,53 @@
+"""What a detector says of itself goes from the stage that looks to those that judge."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from detect.detection import Detection, Frames
+from detect.registered.detector import silent as nothing
+from detect.response import Response
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from locate.journal import silent
+from locate.observe import Recorded, load_detections, load_response, observe
+
+SAYS = Response(ratios=(0.0, 2.0), llr=(-1.0, 3.0))
+
+
+class Blind:
+    """Sees nothing, and says what it would see."""
+
+    name = "blind"
+
+    def __init__(self, response: Response | None) -> None:
+        self.response = response
+
+    def detect(self, frames: Frames, index: int) -> Detection:
+        return nothing(frames.images[index].shape)
+
+
+@pytest.mark.parametrize("response", [SAYS, None])
+def test_the_response_stands_beside_the_detections(
+    tmp_path: Path, response: Response | None
+) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((12, 16), np.uint8))
+    recorded = Recorded(
+        folder=tmp_path,
+        names=["0.png"],
+        indices=np.array([7]),
+        camera=Camera.pinhole(16, 12, 20.0),
+    )
+    observe(recorded, Blind(response), tmp_path / "out", most=1, report=silent)
+    assert load_response(tmp_path / "out") == response
+    assert load_detections(tmp_path / "out")[:2] == ("blind", [7])
+
+
+def test_a_broken_response_is_refused(tmp_path: Path) -> None:
+    content = {"detector": "blind", "indices": [], "response": {"ratios": [1]}}
+    (tmp_path / "index.json").write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match=r"index\.json: not a response"):
+        load_response(tmp_path)
