@@ -461,7 +461,8 @@ def panel(
         ]
         if points:
             line = np.round(points).astype(np.int32)
-            cv2.polylines(image, [line], False, colour, 2, cv2.LINE_AA)
+            width = 6 if name == "learned" else 2  # still seen where `fused` is the same
+            cv2.polylines(image, [line], False, colour, width, cv2.LINE_AA)
             text(image, name, (20 + 66 * k, 284), colour)
     return image
 

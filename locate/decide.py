@@ -9,6 +9,7 @@ from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__
+from locate.detectors import clutter_nats
 from locate.fusion.bearings import find_bearings
 from locate.fusion.fuse import fuse
 from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
@@ -57,7 +58,12 @@ def decide(
             notes=(ONE_VIEWPOINT,),
         )
     views = Views.from_detections(found, trajectory.take(recorded.rows(indices)))
-    fused = fuse(views, seed=seed, progress=lambda share: report("fusion", share))
+    fused = fuse(
+        views,
+        seed=seed,
+        progress=lambda share: report("fusion", share),
+        least_nats=clutter_nats(detector) * len(views),
+    )
     limit_px = None
     if fused.grid is not None:
         save_grid(fused.grid, fused.threshold_nats, evidence)

@@ -25,9 +25,7 @@ Report = Callable[[str, float], None]
 def train(
     config: Annotated[
         Path,
-        typer.Argument(
-            help="A shipped one (registered, judge, lite-fast, lite, paper) or a config."
-        ),
+        typer.Argument(help="registered, judge, lite-fast, lite, paper, or a config of your own."),
     ],
     output: Output,
     data: Annotated[

@@ -59,6 +59,7 @@ def fuse(
     progress: Callable[[float], None] = lambda _share: None,
     null: NullLevel | None = None,
     most_false_alarm: float = FALSE_ALARM,
+    least_nats: float = 0.0,
 ) -> Fused:
     """Finds the plumes that the summed evidence of all views speaks for.
 
@@ -72,6 +73,7 @@ def fuse(
         progress: Told the share done, from 0 to 1.
         null: What chance makes of these views; drawn from them where it is not known yet.
         most_false_alarm: Columns that chance makes more often than this are no plumes.
+        least_nats: Weaker columns are none either, whatever chance makes.
     """
     rng = np.random.default_rng(seed)
     unit = views.unit
@@ -85,35 +87,37 @@ def fuse(
         )
     proposals, grid = propose(views, box, unit, most=STARTS)
     columns = fit_columns(views, proposals.columns, unit, rng)
-    plumes, left = _take(views, columns, unit, null, most_false_alarm)
+    level = max(null.threshold(most_false_alarm), least_nats)
+    plumes, left = _take(views, columns, unit, null, level)
     if plumes and drawn:
         null = NullLevel.from_views(left, box, unit, rng, progress=lambda _share: None)
         far = [column for column in columns if _is_far(column, plumes, unit)]
-        more, _ = _take(left, far, unit, null, most_false_alarm)
-        least_nats = GHOST_SHARE * max(plume.evidence_nats for plume in plumes)
-        plumes += [plume for plume in more if plume.evidence_nats > least_nats]
+        ghost_nats = GHOST_SHARE * max(plume.evidence_nats for plume in plumes)
+        level = max(null.threshold(most_false_alarm), least_nats)
+        more, _ = _take(left, far, unit, null, max(level, ghost_nats))
+        plumes += more
     progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
     numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
-    return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=null.threshold(most_false_alarm))
+    return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=level)
 
 
 def _take(
-    views: Views, columns: Iterable[FloatArray], unit: float, null: NullLevel, most: float
+    views: Views, columns: Iterable[FloatArray], unit: float, null: NullLevel, level: float
 ) -> tuple[list[Plume], Views]:
     """The plumes among the columns, and the views without what those explain."""
     plumes: list[Plume] = []
     for start in columns:
-        if null.false_alarm(evidence(views, start)) > most:
+        if evidence(views, start) < level:
             continue
         refined = refine_axis(views, start, unit)
         if refined is None:
             continue
         column, axis = refined
-        false_alarm = null.false_alarm(evidence(views, column))
-        if false_alarm > most:
+        strength = evidence(views, column)
+        if strength < level:
             continue
-        plumes.append(_plume(views, column, axis, unit, false_alarm))
+        plumes.append(_plume(views, column, axis, unit, null.false_alarm(strength)))
         views = without(views, column)
     return plumes, views
 

@@ -1,11 +1,12 @@
 """How a plume sways, judged from the recording itself.
 
-A plume leans now here, now there, and grows as it rises, so its axis sways in proportion to the
-height above the source: not at all there, and the less the nearer (plumes are self-similar:
-Morton, Taylor and Turner, Proc. R. Soc. A 234, 1956). Two views that follow each other closely
-see the same sway, and a camera that moves on steadily cannot tell a slow one from parallax. How
-far and how slowly a plume sways is therefore taken from the scatter of its own sightings, and what
-remains unknown of both is averaged over.
+A plume leans now here, now there, and grows as it rises, so its axis sways with the height above
+the source: not at all there, and the less the nearer. In proportion to it, as plumes are self-
+similar (Morton, Taylor and Turner, Proc. R. Soc. A 234, 1956), or with its root, as what
+turbulence carries wanders (Taylor, Proc. London Math. Soc. 20, 1921): the recording decides. Two
+views that follow each other closely see the same sway, and a camera that moves on steadily cannot
+tell a slow one from parallax. How far and how slowly a plume sways is therefore taken from the
+scatter of its own sightings, and what remains unknown of both is averaged over.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ from geometry.arrays import FloatArray
 from locate.fusion.axis import AxisSightings
 
 RATES = np.geomspace(0.005, 0.5, 7)
-GROWTHS = (1.0, 2.0)
+GROWTHS = (0.5, 0.75, 1.0, 2.0)
+IN_PROPORTION = 1.0
 INFLATIONS = (0.25, 0.5, 1.0, 2.0)
 PERSISTENCES = 4
 NEAREST_UNITS = 0.02
@@ -51,7 +53,7 @@ class Sway:
             origin: Height of the source above the column's lowest point.
             unit: The yardstick of fusion, world units.
         """
-        shape = _shape(sightings, origin, unit, self.persistence_s, GROWTHS[0])
+        shape = _shape(sightings, origin, unit, self.persistence_s, IN_PROPORTION)
         return Sway(
             covariance_px2=self.rate**2 * shape,
             sigma_px=self.inflation * sightings.sigma_px,
@@ -72,10 +74,11 @@ def estimate_sway(
 
     The covariance of two sightings at heights h <= k above the origin, t apart in time, is
     `rate^2 h k (h / k) exp(-t / persistence)` along each horizontal direction: sway in proportion
-    to the height. A plume that rises calmly and breaks up above is tried as well, with sway that
-    grows with the square of the height and reaches `rate` at the highest sighting. A straight axis
-    and a constant lean are free (Patterson and Thompson, Biometrika 1971); sightings that fit
-    no better than by chance lose weight as under Student's distribution.
+    to the height. Sway that grows with other powers of the height (`GROWTHS`) and reaches as far at
+    the highest sighting is tried as well: with the square, a plume rises calmly and breaks up
+    above; with the root, it wanders from the start. A straight axis and a constant lean are free
+    (Patterson and Thompson, Biometrika 1971); sightings that fit no better than by chance lose
+    weight as under Student's distribution.
 
     Args:
         sightings: N of the axis.

@@ -11,6 +11,7 @@ from detect.registered.detector import silent
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.grid import lever_gate
+from locate.detectors import clutter_nats
 from locate.fusion.column import HEIGHT, spine
 from locate.fusion.fuse import fuse
 from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
@@ -122,6 +123,7 @@ class Engine:
             seed=self._settings.seed,
             null=self._null_level(views),
             most_false_alarm=CANDIDATE_FALSE_ALARM,
+            least_nats=clutter_nats(self._detector.name) * len(views),
         )
         span = Span(
             first=numbers[0], last=numbers[-1], stamp_ns=max(pose.stamp_ns for pose in poses)

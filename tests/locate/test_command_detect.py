@@ -11,6 +11,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from detect.detection import Detection, Detector, Frames
+from detect.response import Response
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.npz import read_npz
@@ -32,6 +33,7 @@ class Blob:
     """Sees a plume of 0.4 px in one place of every frame, and nothing at the frame's left."""
 
     name = "blob"
+    response: Response | None = None
 
     def detect(self, frames: Frames, index: int) -> Detection:
         shape = frames.images[index].shape
