@@ -37,10 +37,10 @@ from detect.fused import SHARED, fused
 from detect.registered import RegisteredDetector
 from detect.registered.measure import Measurement
 from detect.scores import auroc, average_precision
-from detect.synthesis.archive import open_arrays, save_arrays
 from detect.synthesis.raster import photos_in
 from detect.warp import blur, gradients
 from geometry.arrays import BoolArray, FloatArray, FloatMap
+from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory
 from locate.detectors import found_weights, registered_weights
 from locate.fusion.fuse import fuse

@@ -1,5 +1,6 @@
 """Files that are written whole or not at all."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,9 +10,10 @@ from pathlib import Path
 def replacing(path: Path) -> Iterator[Path]:
     """A name beside `path`, of the same suffix, to write to; renamed to `path` at the end.
 
-    Where the block raises, what stood at `path` is untouched and nothing else is left.
+    Where the block raises, what stood at `path` is untouched and nothing else is left. Several
+    processes may write the same file: each has a name of its own, and the last one stands.
     """
-    unfinished = path.with_name(f".{path.stem}.partial{path.suffix}")
+    unfinished = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
         yield unfinished
         unfinished.replace(path)

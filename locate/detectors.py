@@ -64,17 +64,19 @@ def single_frame_detector(weights: Path | None) -> Detector:
 
 
 def found_weights(weights: Path | None) -> Path | None:
-    """The weights given, else those installed, else None."""
-    if weights is not None:
-        return weights
-    return DYBS_WEIGHTS if DYBS_WEIGHTS.is_file() else None
+    """Of dybs: the weights given, else those installed, else None."""
+    return _given_or_installed(weights, DYBS_WEIGHTS)
 
 
 def registered_weights(weights: Path | None = None) -> Path | None:
     """The network over registered neighbours: the one given, else the installed one, else None."""
-    if weights is not None:
-        return weights
-    return REGISTERED_WEIGHTS if REGISTERED_WEIGHTS.is_file() else None
+    return _given_or_installed(weights, REGISTERED_WEIGHTS)
+
+
+def _given_or_installed(given: Path | None, installed: Path) -> Path | None:
+    if given is not None:
+        return given
+    return installed if installed.is_file() else None
 
 
 def clutter_nats(detector: str) -> float:

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from locate import __version__
 from locate.export.report import StageTime
@@ -217,9 +218,8 @@ def digest(content: bytes) -> str:
 
 def replace_text(path: Path, text: str) -> None:
     """Writes a text file at once or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(text)
-    temporary.replace(path)
+    with replacing(path) as unfinished:
+        unfinished.write_text(text)
 
 
 EDGE_BYTES = 1 << 20

@@ -9,6 +9,12 @@ from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
 from locate.journal import progress_bars
 
+WorldFrame = Annotated[str, typer.Option(help="Frame of the map, Z up.")]
+BodyFrame = Annotated[
+    str, typer.Option(help="Frame that the pose is of; else the odometry's child frame.")
+]
+Rectified = Annotated[bool, typer.Option("--rectified", help="The images are rectified already.")]
+
 robot = typer.Typer(
     name="robot", help="Find plumes live, on a robot.", no_args_is_help=True, add_completion=False
 )
@@ -40,13 +46,9 @@ def bag(
     pose_topic: Annotated[
         str | None, typer.Option(help="Odometry or a pose; else TF if it is there.")
     ] = None,
-    world_frame: Annotated[str, typer.Option(help="Frame of the map, Z up.")] = "map",
-    body_frame: Annotated[
-        str, typer.Option(help="Frame that the pose is of; else the odometry's child frame.")
-    ] = "",
-    rectified: Annotated[
-        bool, typer.Option("--rectified", help="The images are rectified already.")
-    ] = False,
+    world_frame: WorldFrame = "map",
+    body_frame: BodyFrame = "",
+    rectified: Rectified = False,
 ) -> None:
     """Play a robot's recording into the locator: map.json, and plumes/plumes.mcap for a viewer."""
     from locate.export.table import map_table
@@ -78,13 +80,9 @@ def dds(
     pose: Annotated[
         bool, typer.Option("--pose", help="The pose topic is PoseWithCovarianceStamped.")
     ] = False,
-    world_frame: Annotated[str, typer.Option(help="Frame of the map, Z up.")] = "map",
-    body_frame: Annotated[
-        str, typer.Option(help="Frame that the pose is of; else the odometry's child frame.")
-    ] = "",
-    rectified: Annotated[
-        bool, typer.Option("--rectified", help="The images are rectified already.")
-    ] = False,
+    world_frame: WorldFrame = "map",
+    body_frame: BodyFrame = "",
+    rectified: Rectified = False,
     domain: Annotated[int, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the robot.")] = 0,
 ) -> None:
     """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""

@@ -13,10 +13,9 @@ from scipy.ndimage import distance_transform_edt
 
 from detect.response import Response
 from geometry.arrays import FloatArray, FloatMap, IntArray
-from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
-from geometry.npz import read_npz
+from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 from locate.fusion.column import HEIGHT, RADIUS, X, Y, Z, agreed, score
 from locate.fusion.fuse import FALSE_ALARM
@@ -57,15 +56,7 @@ class Looks:
 
     def save(self, path: Path) -> None:
         """Writes an .npz, whole or not at all."""
-        with replacing(path) as unfinished, unfinished.open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                low=self.low,
-                limit_px=self.limit_px,
-                seen_px=self.seen_px,
-                key=self.key,
-            )
+        save_arrays(path, low=self.low, limit_px=self.limit_px, seen_px=self.seen_px, key=self.key)
 
     @classmethod
     def load(cls, path: Path) -> Self:
