@@ -1,6 +1,10 @@
 """The two ways a run can end badly, each with one line that says what, where and what to do."""
 
 from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class LocateError(Exception):
@@ -41,3 +45,9 @@ class RegistrationError(LocateError):
     def __init__(self, failure: RegistrationFailure, message: str) -> None:
         super().__init__(f"{failure.value}: {message}")
         self.failure = failure
+
+
+def first_complaint(error: "ValidationError") -> tuple[str, str]:
+    """Where the first thing wrong with settings stands, as names joined by dots, and what it is."""
+    first = error.errors()[0]
+    return ".".join(str(part) for part in first["loc"]), str(first["msg"])

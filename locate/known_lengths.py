@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from geometry.arrays import FloatArray
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Scale
 from geometry.georeference.board import find_board, marker_board, scale_from_board
 from geometry.georeference.lengths import point_from_pixels, scale_from_distance
@@ -54,9 +54,8 @@ class KnownDistance(BaseModel):
         except OSError as error:
             raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
         except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(str(part) for part in first["loc"]) or "distance"
-            raise BadInputError(f"{path}: {field}: {first['msg']}") from error
+            field, what = first_complaint(error)
+            raise BadInputError(f"{path}: {field or 'distance'}: {what}") from error
 
     def scale(self, trajectory: Trajectory, rows: Mapping[str, int]) -> Scale:
         """What it says of a reconstruction.

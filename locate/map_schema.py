@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import HeightDatum
 
 SCHEMA = "locate.map/1"
@@ -101,9 +101,8 @@ def checked_fields(content: Any) -> dict[str, Any]:
     try:
         checked = _MapFile.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise BadInputError(f"{where}: {first['msg']}") from error
+        where, what = first_complaint(error)
+        raise BadInputError(f"{where}: {what}") from error
     fields = checked.model_dump()
     if checked.georeference is not None:
         fields["georeference"] = checked.georeference.model_dump(mode="json", exclude_unset=True)

@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 
 Range = tuple[float, float]
 
@@ -208,9 +208,8 @@ class TrainConfig(_Settings):
             line = str(error).splitlines()[0]
             raise BadInputError(f"{path}: not a readable training config ({line})") from error
         except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(str(part) for part in first["loc"])
-            raise BadInputError(f"{path}: {place} {first['msg']}".rstrip()) from error
+            place, what = first_complaint(error)
+            raise BadInputError(f"{path}: {place} {what}".rstrip()) from error
         return config._placed(path.parent if data is None else data, path.parent)
 
     def _placed(self, data: Path, here: Path) -> Self:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from detect.synthesis.patterns import Lattice
 from detect.synthesis.split import Split
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 
 Family = Literal["sinusoid", "checkerboard", "lines", "perlin", "squares", "scene", "photo"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
@@ -108,9 +108,7 @@ class Recipe(BaseModel):
         try:
             return cls.model_validate(content)
         except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(str(part) for part in first["loc"])
-            message = " ".join(part for part in (place, first["msg"]) if part)
+            message = " ".join(part for part in first_complaint(error) if part)
             raise BadInputError(f"{where}: {message}") from error
 
     @classmethod

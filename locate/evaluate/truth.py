@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, FiniteFloat, ValidationError
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 from geometry.npz import read_npz
 from geometry.trajectory import Trajectory
 
@@ -61,9 +61,8 @@ class Truth:
         try:
             plumes = _TruthBlock.model_validate_json(path.read_bytes()).plumes
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"]))
-            raise BadInputError(f"{path}: {where}: {first['msg']}") from error
+            where, what = first_complaint(error)
+            raise BadInputError(f"{path}: {where}: {what}") from error
         axes = np.reshape([plume.axis for plume in plumes], (-1, 3)).astype(float)
         return cls(
             folder=folder,

@@ -9,7 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from geometry.camera import Camera
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 from geometry.refraction import MOLAR_MASS_KG
 from locate.simulation.materials import MATERIALS
 
@@ -46,9 +46,8 @@ class Document(Block):
         try:
             return cls.model_validate(content)
         except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(str(part) for part in first["loc"])
-            reason = first["msg"].removeprefix("Value error, ")
+            field, what = first_complaint(error)
+            reason = what.removeprefix("Value error, ")
             raise BadInputError(f"{path}: field {field or 'scene'}: {reason}") from error
 
     def save(self, path: FilePath) -> None:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from geometry.arrays import FloatArray
 from geometry.atomic import replacing
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
 from locate import __version__
 from locate.config import DetectorName, RunConfig
@@ -287,9 +287,8 @@ class Survey(_Block):
         try:
             return cls.model_validate(content)
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"]))
-            raise BadInputError(f"{path}: {where}: {first['msg']}") from error
+            where, what = first_complaint(error)
+            raise BadInputError(f"{path}: {where}: {what}") from error
 
 
 def vector(values: FloatArray) -> Vector:
