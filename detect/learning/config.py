@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from detect.registered.lessons import Leaks
 from geometry.errors import BadInputError, first_complaint
 
 Range = tuple[float, float]
@@ -44,6 +45,7 @@ class PoolConfig(_Settings):
             rendered samples.
         photos: That the scenes of the lessons are made of; plants where left out. Beside the
             folders of samples.
+        leaks: Where the plumes of those scenes leave.
         recipe: What they are rendered from where they are missing; from where the config stands.
         measured: A folder of rendered samples, where these are what waves and edges say of them.
     """
@@ -54,6 +56,7 @@ class PoolConfig(_Settings):
     samples: int | None = Field(default=None, ge=1)
     seeds: tuple[tuple[int, int], ...] | None = Field(default=None, min_length=1)
     photos: Path | None = None
+    leaks: Leaks = "nozzle"
 
     def all_seeds(self) -> list[int]:
         """Of the lessons, in order; empty where the pool is of samples."""
@@ -264,6 +267,8 @@ class TrainConfig(_Settings):
         plain["samples"] = {name: pool.samples for name, pool in pools.items()}
         if seeds := {name: pool.seeds for name, pool in pools.items() if pool.seeds}:
             plain["seeds"] = seeds
+        if leaks := {name: pool.leaks for name, pool in pools.items() if pool.leaks != "nozzle"}:
+            plain["leaks"] = leaks
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
 
     def to_plain(self) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from geometry.arrays import BoolArray
 from geometry.npz import open_arrays, save_arrays
 
+Leaks = Literal["nozzle", "anywhere"]
+"""Where the plumes of simulated lessons leave."""
 PLUME_SHARE = 0.3
 LEAST_PLUME_PX, STILL_PX = 0.02, 0.01
 KINDS = ("plume-free", "faint", "weak", "strong")

@@ -18,6 +18,7 @@ from locate.journal import interruptible, progress_bars
 
 if TYPE_CHECKING:
     from detect.learning.config import TrainConfig
+    from detect.registered.lessons import Leaks
 
 Report = Callable[[str, float], None]
 
@@ -95,13 +96,13 @@ def render_missing_lessons(config: "TrainConfig", *, report: Report, processes: 
         pool.folder.mkdir(parents=True, exist_ok=True)
         split: Split = "validation" if name == config.validation else "train"
         photos = None if pool.photos is None else photos_in(pool.photos, split)
-        render = partial(_render_lesson, pool.folder, photos)
+        render = partial(_render_lesson, pool.folder, photos, pool.leaks)
         with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
             for done, _ in enumerate(workers.map(render, seeds), 1):
                 report(f"lessons: {name}", done / len(seeds))
 
 
-def _render_lesson(folder: Path, photos: Sequence[Path] | None, seed: int) -> None:
+def _render_lesson(folder: Path, photos: Sequence[Path] | None, leaks: "Leaks", seed: int) -> None:
     import cv2
 
     from detect.registered.lessons import lesson_path
@@ -110,6 +111,6 @@ def _render_lesson(folder: Path, photos: Sequence[Path] | None, seed: int) -> No
 
     cv2.setNumThreads(1)
     if photos is None:
-        make_lesson(seed).save(lesson_path(folder, seed))
+        make_lesson(seed, leaks).save(lesson_path(folder, seed))
     else:
-        write_photo_lessons(photos, [seed], folder)
+        write_photo_lessons(photos, [seed], folder, leaks=leaks)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from detect.detection import Frames
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.features import features
-from detect.registered.lessons import Lesson
+from detect.registered.lessons import Leaks, Lesson
 from detect.synthesis.sample import log_uniform
 from geometry.trajectory import Trajectory
 from locate.simulation.filming import Footage, Take, film
@@ -18,6 +18,7 @@ from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import spoiled
 from locate.simulation.photo_scenes import photo_take
 from locate.simulation.scene import CameraBlock, PathBlock, Scene
+from locate.simulation.strays import strayed
 
 FRAMES = 24
 ENDS = 4
@@ -31,13 +32,17 @@ SIDE_PX = (320, 240)
 FOCAL_PX = (250.0, 600.0)
 
 
-def lesson_scene(seed: int, *, plume: bool | None = None) -> Scene:
+def lesson_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = None) -> Scene:
     """A random plant in a short recording: arc, hand or lawn-mower; weak to strong, or no plume.
 
     Args:
         seed: Of everything.
+        leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seed.
     """
+    if leaks == "anywhere":
+        amplitude_px = log_uniform(np.random.default_rng([seed, 17]), AMPLITUDE_PX)
+        return strayed(lesson_scene(seed, plume=False), amplitude_px, plume=plume)
     rng = np.random.default_rng([seed, 12])
     drawn = bool(rng.random() > PLUME_FREE)
     scene = random_scene(
@@ -52,9 +57,14 @@ def lesson_scene(seed: int, *, plume: bool | None = None) -> Scene:
     return scene.model_copy(update={"camera": camera, "path": _path(rng, scene.path)})
 
 
-def make_lesson(seed: int) -> Lesson:
-    """Renders the scene of that seed and measures its key frames, poses a little wrong."""
-    scene = lesson_scene(seed)
+def make_lesson(seed: int, leaks: Leaks = "nozzle") -> Lesson:
+    """Renders the scene of that seed and measures its key frames, poses a little wrong.
+
+    Args:
+        seed: Of everything.
+        leaks: Where plumes leave.
+    """
+    scene = lesson_scene(seed, leaks=leaks)
     return measured(film(Take(scene=scene)), scene.random(13))
 
 
@@ -62,6 +72,7 @@ def make_photo_lesson(
     seed: int,
     photos: Sequence[Path],
     *,
+    leaks: Leaks = "nozzle",
     plume: bool | None = None,
     nuisances: Sequence[str] = (),
 ) -> Lesson:
@@ -70,10 +81,11 @@ def make_photo_lesson(
     Args:
         seed: Of everything.
         photos: To draw from; of one split.
+        leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seed.
         nuisances: Their names.
     """
-    scene = lesson_scene(seed, plume=plume)
+    scene = lesson_scene(seed, leaks=leaks, plume=plume)
     take = spoiled(photo_take(scene, photos), nuisances, scene.random(24))
     return measured(film(take), scene.random(13))
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import cv2
 
-from detect.registered.lessons import Lesson, lesson_path
+from detect.registered.lessons import Leaks, Lesson, lesson_path
 from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
 from locate.simulation.lessons import lesson_scene, make_photo_lesson
@@ -30,6 +30,7 @@ def write_photo_lessons(
     seeds: Sequence[int],
     folder: Path,
     *,
+    leaks: Leaks = "nozzle",
     plume: bool | None = None,
     nuisances: Sequence[str] | None = None,
 ) -> None:
@@ -39,6 +40,7 @@ def write_photo_lessons(
         photos: To draw from; of one split.
         seeds: One a lesson.
         folder: Made where it is missing.
+        leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seeds.
         nuisances: Their names; None draws a few for each lesson.
     """
@@ -47,8 +49,9 @@ def write_photo_lessons(
             continue
         drawn = some_nuisances(lesson_scene(seed).random(25))
         names = drawn if nuisances is None else nuisances
-        lesson = make_photo_lesson(seed, photos, plume=plume, nuisances=names)
-        keep(lesson, folder, seed, {"kind": "photos", "nuisances": list(names)})
+        lesson = make_photo_lesson(seed, photos, leaks=leaks, plume=plume, nuisances=names)
+        about = {"leaks": leaks, "nuisances": list(names)}
+        keep(lesson, folder, seed, {"kind": "photos", **about})
 
 
 def write_set_lessons(photo_set: Path, seeds: Sequence[int], folder: Path) -> None:
@@ -82,6 +85,7 @@ def main() -> None:
     photos = kinds.add_parser("photos")
     photos.add_argument("--photos", type=Path, required=True, help="folder of single photos")
     photos.add_argument("--split", choices=("train", "validation", "test"), default="train")
+    photos.add_argument("--leaks", choices=("nozzle", "anywhere"), default="nozzle")
     photos.add_argument("--nuisances", nargs="*", default=None, help="instead of a random few")
     photos.add_argument("--plume", choices=("yes", "no"), default=None)
     sets = kinds.add_parser("sets")
@@ -106,6 +110,7 @@ def _write(arguments: argparse.Namespace) -> None:
         photos_in(arguments.photos, arguments.split),
         seeds,
         arguments.output,
+        leaks=arguments.leaks,
         plume=None if arguments.plume is None else arguments.plume == "yes",
         nuisances=arguments.nuisances,
     )

@@ -106,6 +106,8 @@ def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Card]:
 
 def _shared_flow(plume: Plume, flow_seed: int) -> Plume:
     """The plume with a flow that several scenes share, as it costs more than all the rest."""
+    if plume.flow_seed is not None:
+        return plume
     rng = np.random.default_rng([flow_seed, 23])
     shape = {
         "radius_m": rng.uniform(0.1, 0.17),

@@ -175,7 +175,7 @@ class PlumeField:
         return Bend(deflection=deflection, range_m=mean, spread_m=spread)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=2)
 def _rising(
     seeds: tuple[int, ...], times: tuple[int, float], exit_: tuple[float, float, float, float]
 ) -> tuple[list[FloatMap], float]:

@@ -8,6 +8,7 @@ from detect.registered.lessons import Lesson
 from geometry.errors import BadInputError
 from locate.simulation import lessons
 from locate.simulation.lessons import lesson_scene, make_lesson
+from locate.simulation.scene import Cylinder
 
 STILL_AIR_SEED = 100_001
 
@@ -45,6 +46,20 @@ def test_lessons_are_of_many_kinds() -> None:
     amplitudes = [p.amplitude_px for scene in scenes for p in scene.plumes if p.amplitude_px]
     assert min(amplitudes) < 0.15
     assert max(amplitudes) > 1.0
+
+
+def test_plumes_leave_from_anywhere() -> None:
+    scenes = [lesson_scene(seed, leaks="anywhere") for seed in range(80)]
+    assert 20 < sum(not scene.plumes for scene in scenes) < 45
+    exits, apart_m = [], []
+    for scene in scenes:
+        sources = [np.array(plume.source) for plume in scene.plumes]
+        ends = np.array([each.end for each in scene.objects if isinstance(each, Cylinder)])
+        exits += [float(np.linalg.norm(ends - at, axis=1).min()) for at in sources]
+        apart_m += [np.linalg.norm(np.subtract(*sources)[:2]) for _ in sources[1:]]
+    assert 0.1 < np.mean(np.array(exits) < 0.05) < 0.4
+    assert len(apart_m) > 5
+    assert max(apart_m) <= 2.0
 
 
 def test_a_broken_lesson_is_refused(tmp_path: Path) -> None:
