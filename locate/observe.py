@@ -1,17 +1,19 @@
 """The stage that looks: refraction measured in some of the frames."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+from pydantic import BaseModel, ValidationError
 
 from detect.detection import Detection, Detector, Frames
 from detect.response import Response
 from geometry.arrays import FloatArray, IntArray
+from geometry.atomic import replacing
 from geometry.camera import Camera
+from geometry.errors import BadInputError, first_complaint
 from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 from locate.images import FrameImages
@@ -20,6 +22,7 @@ from locate.video.motion import median_motion
 
 ENDS = 3
 WHOLE = (0, 1)
+INDEX = "index.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,14 +89,12 @@ def observe(
         if not path.exists():
             detector.detect(frames, int(row)).save(path)
     report("detections", 1.0)
-    index: dict[str, Any] = {
-        "detector": detector.name,
-        "indices": recorded.indices[rows].tolist(),
-    }
-    if detector.response is not None:
-        index["response"] = detector.response.to_plain()
     if share == WHOLE:
-        (folder / "index.json").write_text(json.dumps(index))
+        _Index(
+            detector=detector.name,
+            indices=recorded.indices[rows].tolist(),
+            response=None if detector.response is None else detector.response.to_plain(),
+        ).save(folder)
     return f"{len(rows)} frames, {detector.name}"
 
 
@@ -110,10 +111,14 @@ def save_points(path: Path, points_in_world: FloatArray) -> None:
 
 
 def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:
-    """The detector's name, the frame indices and the detections that `observe` wrote."""
-    index = json.loads((folder / "index.json").read_text())
-    indices: list[int] = index["indices"]
-    return index["detector"], indices, [Detection.load(folder / f"{i:06d}.npz") for i in indices]
+    """The detector's name, the frame indices and the detections that `observe` wrote.
+
+    Raises:
+        BadInputError: A file is missing or broken; named.
+    """
+    index = _Index.load(folder)
+    found = [Detection.load(folder / f"{i:06d}.npz") for i in index.indices]
+    return index.detector, index.indices, found
 
 
 def load_response(folder: Path) -> Response | None:
@@ -122,9 +127,8 @@ def load_response(folder: Path) -> Response | None:
     Raises:
         BadInputError: It said something else.
     """
-    path = folder / "index.json"
-    content = json.loads(path.read_text()).get("response")
-    return None if content is None else Response.from_plain(content, str(path))
+    said = _Index.load(folder).response
+    return None if said is None else Response.from_plain(said, str(folder / INDEX))
 
 
 def spread(count: int, most: int, *, ends: int) -> IntArray:
@@ -133,3 +137,26 @@ def spread(count: int, most: int, *, ends: int) -> IntArray:
     usable = count - 2 * ends
     chosen = np.linspace(ends, count - 1 - ends, min(most, usable))
     return np.rint(chosen).astype(np.int64)
+
+
+class _Index(BaseModel):
+    """What lies in a folder of detections, as it stands in index.json."""
+
+    detector: str
+    indices: list[int]
+    response: dict[str, Any] | None = None
+
+    def save(self, folder: Path) -> None:
+        with replacing(folder / INDEX) as path:
+            path.write_text(self.model_dump_json(exclude_none=True))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        path = folder / INDEX
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except OSError as error:
+            raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+        except ValidationError as error:
+            what = " ".join(first_complaint(error)).strip()
+            raise BadInputError(f"{path}: not an index of detections ({what})") from error

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError, model_validator
 
 from detect.registered.lessons import Leaks
 from geometry.errors import BadInputError, first_complaint
@@ -92,11 +92,18 @@ class Augmentation(_Settings):
     """
 
     symmetries: Literal["all", "flips", "mirror", "none"] = "all"
-    vectors: tuple[tuple[int, int], ...] = ()
-    tensors: tuple[tuple[int, int, int], ...] = ()
+    vectors: tuple[tuple[NonNegativeInt, NonNegativeInt], ...] = ()
+    tensors: tuple[tuple[NonNegativeInt, NonNegativeInt, NonNegativeInt], ...] = ()
     negate: bool = False
     invert: tuple[str, ...] = ()
     gain: Range = (1.0, 1.0)
+
+    @property
+    def last_plane(self) -> int:
+        """The highest input channel it speaks of; -1 for none."""
+        return max(
+            (plane for group in (*self.vectors, *self.tensors) for plane in group), default=-1
+        )
 
 
 class Stage(_Settings):
@@ -189,6 +196,12 @@ class TrainConfig(_Settings):
             losses = stage.losses
             if self.network.kind == "paper" and (losses.mask or losses.likelihood):
                 raise ValueError(f"stage {stage.name}: the paper's network has displacement alone")
+        for augmentation in (self.augmentation, *(stage.augmentation for stage in self.stages)):
+            if augmentation and augmentation.last_plane >= self.network.channels:
+                raise ValueError(
+                    f"augmentation: there is no channel {augmentation.last_plane}, "
+                    f"the network has {self.network.channels} (counted from 0)"
+                )
         if self.negative_px > self.positive_px:
             raise ValueError("negative_px lies above positive_px")
         return self

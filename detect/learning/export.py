@@ -116,12 +116,12 @@ def quantise(path: Path, int8: Path, pool: Pool) -> Path:
         pool: Training samples.
     """
     prepared = int8.with_suffix(".prepared")
-    unfinished = int8.with_suffix(".partial")
+    quantised = int8.with_suffix(".quantised")
     try:
         quant_pre_process(path, prepared, skip_symbolic_shape=True)
         quantize_static(
             prepared,
-            unfinished,
+            quantised,
             _Samples(pool),
             quant_format=QuantFormat.QDQ,
             activation_type=QuantType.QUInt8,
@@ -131,12 +131,12 @@ def quantise(path: Path, int8: Path, pool: Pool) -> Path:
             nodes_to_exclude=_kept(onnx.load(prepared)),
         )
         props = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
-        model = onnx.load(unfinished)
+        model = onnx.load(quantised)
         onnx.helper.set_model_props(model, props | {"name": f"{props['name']}-int8"})
         return _write(model, int8)
     finally:
         prepared.unlink(missing_ok=True)
-        unfinished.unlink(missing_ok=True)
+        quantised.unlink(missing_ok=True)
 
 
 def _kept(model: onnx.ModelProto) -> list[str]:

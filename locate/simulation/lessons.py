@@ -12,6 +12,7 @@ from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.features import features
 from detect.registered.lessons import Leaks, Lesson
 from detect.synthesis.sample import log_uniform
+from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 from locate.simulation.filming import Footage, Take, film
 from locate.simulation.layouts import random_scene
@@ -98,10 +99,16 @@ def measured(footage: Footage, rng: np.random.Generator) -> Lesson:
 
 
 def lesson_of(frames: Frames, footage: Footage, keys: Sequence[int]) -> Lesson:
-    """What is measured of those frames that can be, beside the truth."""
+    """What is measured of those frames that can be, beside the truth.
+
+    Raises:
+        BadInputError: None can.
+    """
     detector = RegisteredDetector()
     told = [(footage.truths[key], detector.measure(frames, key)) for key in keys]
     known = [(truth, answer[0]) for truth, answer in told if answer is not None]
+    if not known:
+        raise BadInputError("none of the key frames can be measured: no neighbour sees the same")
     return Lesson(
         inputs=np.stack([features(m, displacement_sigma(m)) for _, m in known]).astype(np.float16),
         displacements=np.stack([t.displacement for t, _ in known]).astype(np.float16),

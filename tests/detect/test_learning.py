@@ -378,6 +378,7 @@ def test_bad_configs_are_one_line(data: Path) -> None:
         ({"stages": []}, "stages"),
         ({"negative_px": 0.1}, "negative_px"),
         ({"crop_px": 100}, "crop_px"),
+        ({"augmentation": {"vectors": [[0, 1]]}}, "no channel 1"),
     ):
         with pytest.raises(BadInputError, match=what) as caught:
             config_of(data, **change)

@@ -51,3 +51,18 @@ def test_a_broken_response_is_refused(tmp_path: Path) -> None:
     (tmp_path / "index.json").write_text(json.dumps(content))
     with pytest.raises(BadInputError, match=r"index\.json: not a response"):
         load_response(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "cannot be read"),
+        ("[", "not an index of detections"),
+        ('{"indices": []}', "detector Field required"),
+    ],
+)
+def test_a_damaged_index_is_named(tmp_path: Path, content: str | None, says: str) -> None:
+    if content is not None:
+        (tmp_path / "index.json").write_text(content)
+    with pytest.raises(BadInputError, match=rf"index\.json: .*{says}"):
+        load_detections(tmp_path)
