@@ -95,15 +95,20 @@ class Window:
         xx, xy, yy = structure_tensor(gx, gy, window_px)
         xx, yy = xx + noise**2, yy + noise**2
         determinant = xx * yy - xy * xy
-        self._inverse = (yy / determinant, -xy / determinant, xx / determinant)
+        self._inverse = (-yy / determinant, xy / determinant, -xx / determinant)
         self._gx, self._gy, self._window_px = gx, gy, window_px
 
     def shift(self, difference: FloatMap) -> FloatMap:
         """(H, W, 2) the shift s with gx s_x + gy s_y + difference = 0."""
+        return np.asarray(cv2.merge(self.shift_planes(difference)))
+
+    def shift_planes(self, difference: FloatMap) -> tuple[FloatMap, FloatMap]:
+        """(H, W) s_x and (H, W) s_y of `shift`."""
         tx = blur(self._gx * difference, self._window_px)
         ty = blur(self._gy * difference, self._window_px)
         xx, xy, yy = self._inverse
-        return np.asarray(-cv2.merge([xx * tx + xy * ty, xy * tx + yy * ty]))
+        along_x, along_y = xx * tx + xy * ty, xy * tx + yy * ty
+        return np.asarray(along_x), np.asarray(along_y)
 
 
 NEIGHBOUR_MEAN = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], dtype=np.float32) / 12

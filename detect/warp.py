@@ -21,13 +21,12 @@ def doubled(image: np.ndarray) -> FloatMap:
     """
     height, width = image.shape
     image = image.astype(np.float32)
-    wide = np.empty((height, 2 * width), np.float32)
-    wide[:, ::2] = image
-    wide[:, 1::2] = cv2.filter2D(image, -1, HALF_WAY[None], anchor=(2, 0))
-    double = np.empty((2 * height, 2 * width), np.float32)
-    double[::2] = wide
-    double[1::2] = cv2.filter2D(wide, -1, HALF_WAY[:, None], anchor=(0, 2))
-    return double
+    between = cv2.filter2D(image, -1, HALF_WAY[None], anchor=(2, 0))
+    wide = cv2.merge([image, between]).reshape(height, 2 * width)
+    double = np.empty((height, 2, 2 * width), np.float32)
+    double[:, 0] = wide
+    double[:, 1] = cv2.filter2D(wide, -1, HALF_WAY[:, None], anchor=(0, 2))
+    return double.reshape(2 * height, 2 * width)
 
 
 def sample(image: np.ndarray, positions: FloatMap) -> FloatMap:
@@ -38,7 +37,7 @@ def sample(image: np.ndarray, positions: FloatMap) -> FloatMap:
     """
     values = cv2.remap(
         doubled(image),
-        (2 * positions).astype(np.float32),
+        (2 * positions).astype(np.float32, copy=False),
         None,
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,

@@ -10,7 +10,7 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.trajectory import Trajectory
 
 MIN_DEPTH_RATIO = 0.05
-BAND = 32
+BAND = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,37 +57,45 @@ class Epipolar:
             Points at or behind the target's plane count as just before it.
         """
         x, y = np.moveaxis(np.asarray(pixels, dtype=np.float32), -1, 0)
-        return self._moved(x, y, np.asarray(inverse_depth, dtype=np.float32))
+        flow, slope = np.empty((2, 2, *x.shape), np.float32)
+        self._move(x, y, np.asarray(inverse_depth, dtype=np.float32), flow, slope)
+        return np.stack(list(flow), axis=-1), np.stack(list(slope), axis=-1)
 
-    def over_rows(self, inverse_depth: FloatMap, first_row: int = 0) -> tuple[FloatMap, FloatMap]:
-        """`flow_and_slope` of all pixels of an image, or of some of its rows.
+    def over_grid(
+        self, x: FloatMap, y: FloatMap, inverse_depth: FloatMap
+    ) -> tuple[FloatMap, FloatMap]:
+        """`flow_and_slope` of a grid of pixels, x and y in planes of their own.
 
         Args:
+            x: (W,) source columns, px.
+            y: (H,) source rows, px.
             inverse_depth: (H, W) along the source's optical axis, 1 / world unit.
-            first_row: Row of the image that the first one is.
+
+        Returns:
+            (2, H, W) px; (2, H, W) px per 1 / world unit.
         """
-        height, width = inverse_depth.shape
-        flow, slope = np.empty((2, height, width, 2), np.float32)
-        x = np.arange(width, dtype=np.float32)
-        y = np.arange(first_row, first_row + height, dtype=np.float32)[:, None]
-        for start in range(0, height, BAND):  # what is done to a few rows stays in the cache
+        flow, slope = np.empty((2, 2, *inverse_depth.shape), np.float32)
+        for start in range(0, len(y), BAND):  # what is done to a few rows stays in the cache
             rows = slice(start, start + BAND)
-            flow[rows], slope[rows] = self._moved(x, y[rows], inverse_depth[rows])
+            self._move(x, y[rows, None], inverse_depth[rows], flow[:, rows], slope[:, rows])
         return flow, slope
 
-    def _moved(self, x: FloatMap, y: FloatMap, rho: FloatMap) -> tuple[FloatMap, FloatMap]:
-        """`flow_and_slope` of x and y that go together with rho by broadcasting."""
+    def _move(
+        self, x: FloatMap, y: FloatMap, rho: FloatMap, flow: FloatMap, slope: FloatMap
+    ) -> None:
+        """Fills in `flow_and_slope` of x and y that go together with rho by broadcasting."""
         H, e = self.homography.astype(np.float32), self.epipole.astype(np.float32)
-        at_infinity = [row[0] * x + (row[1] * y + row[2]) for row in H]
-        depth_ratio = at_infinity[2] + rho * e[2]
-        scale = 1 / np.maximum(depth_ratio, np.float32(MIN_DEPTH_RATIO))
-        target_x = (at_infinity[0] + rho * e[0]) * scale
-        target_y = (at_infinity[1] + rho * e[1]) * scale
-        flow, slope = np.empty((2, *scale.shape, 2), np.float32)
-        flow[..., 0], flow[..., 1] = target_x - x, target_y - y
-        slope[..., 0] = (e[0] - target_x * e[2]) * scale
-        slope[..., 1] = (e[1] - target_y * e[2]) * scale
-        return flow, slope
+        targets = [row[0] * x + (row[1] * y + row[2]) for row in H]
+        for k, step in enumerate(e):
+            targets[k] += rho * step
+        scale = np.reciprocal(np.maximum(targets[2], np.float32(MIN_DEPTH_RATIO)))
+        for k, source in enumerate((x, y)):
+            target = targets[k]
+            target *= scale
+            np.subtract(target, source, out=flow[k])
+            target *= e[2]
+            np.subtract(e[k], target, out=target)
+            np.multiply(target, scale, out=slope[k])
 
     def parallax_px(self, pixels: FloatMap, inverse_depth: ArrayLike) -> FloatMap:
         """(...) px, how far that inverse depth moves pixels beyond those at infinity."""

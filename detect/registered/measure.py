@@ -8,17 +8,10 @@ import numpy as np
 
 from detect.differential import Window
 from detect.flow import dis_matcher
-from detect.registered.separate import (
-    TINY,
-    Separation,
-    as_complex,
-    bands,
-    dot,
-    pose_like_field,
-    separate,
-    squared,
-)
-from detect.warp import blur, gradients, pixel_grid, sample
+from detect.registered.pose_errors import SOME, PoseErrors
+from detect.registered.robust import Registered, median, robustly
+from detect.registered.separate import TINY, bands, dot, separate, squared
+from detect.warp import blur, gradients, sample
 from geometry.arrays import FloatMap, GreyImage
 from geometry.epipolar import Epipolar
 
@@ -30,6 +23,7 @@ MAX_RESIDUAL_PX = 3.0
 TEXTURE_HALF = 4.0
 NEAREST = 20.0
 REFINE_AFTER = (2, 4)
+WHOLE = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,15 +61,6 @@ class Measurement:
     depth_edge_px: FloatMap
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Robust:
-    """The answer without outliers, its residual variance, and the weight that was left."""
-
-    answer: Separation
-    variance: FloatMap
-    seen: FloatMap
-
-
 class Registration:
     """One key frame against its neighbours; `measure` runs both stages.
 
@@ -87,7 +72,7 @@ class Registration:
     def __init__(self, image: GreyImage, neighbours: Sequence[Neighbour]) -> None:
         self._image = image
         self._neighbours = neighbours
-        self._pixels = pixel_grid(image.shape)
+        self._y, self._x = (np.arange(n, dtype=np.float32) for n in image.shape)
         self._inverse_depth = np.ones(image.shape, np.float32)
         self._smooth = blur(image.astype(np.float32), PRESMOOTHING_PX)
         self._gradients = gradients(self._smooth)
@@ -97,24 +82,26 @@ class Registration:
     def measure(self) -> Measurement:
         """Flow, separation, then again on the registered neighbours."""
         flows = self._match()
-        pose_errors, first = self._first_stage(flows)
-        return self._second_stage(pose_errors, first)
+        poses = PoseErrors(self._inverse_depth)
+        pose_errors = self._pose_errors(poses, flows)
+        first = self._first_stage(poses, pose_errors, flows)
+        return self._second_stage(poses, pose_errors, first)
 
     def _texture_within(self, sigma_px: float) -> FloatMap:
         gx, gy = self._gradients
         return blur(gx * gx + gy * gy, sigma_px)
 
-    def _predict(self, neighbour: Neighbour) -> tuple[FloatMap, FloatMap]:
-        return neighbour.view.over_rows(self._inverse_depth)
+    def _predict(self, neighbour: Neighbour, rows: slice = WHOLE) -> tuple[FloatMap, FloatMap]:
+        return neighbour.view.over_grid(self._x, self._y[rows], self._inverse_depth[rows])
 
-    def _pose_like(self, field: FloatMap, weights: FloatMap) -> FloatMap:
-        return pose_like_field(field, self._inverse_depth, weights)
-
-    def _visible(self, flow: FloatMap) -> FloatMap:
-        height, width = self._image.shape
-        most = (width - 1 - BORDER_PX, height - 1 - BORDER_PX)
-        inside = cv2.inRange(self._pixels + flow, (BORDER_PX, BORDER_PX), most)
-        return np.asarray(inside > 0, dtype=np.float32)
+    def _visible(self, flow: FloatMap, x: FloatMap, y: FloatMap) -> FloatMap:
+        """Where pixels of (W,) x and (H,) y that move by (2, H, W) are still in the image."""
+        inside = np.ones(flow.shape[1:], np.bool_)
+        targets = flow[0] + x, flow[1] + y[:, None]
+        for target, side in zip(targets, reversed(self._image.shape), strict=True):
+            inside &= target >= BORDER_PX
+            inside &= target <= side - 1 - BORDER_PX
+        return inside.astype(np.float32)
 
     def _step_depth(self, step: FloatMap) -> None:
         moved = np.clip(self._inverse_depth + step, 0, NEAREST)
@@ -124,92 +111,122 @@ class Registration:
         """Flow towards each neighbour, nearest first; the depth sharpens as they come in."""
         flows: list[FloatMap] = []
         for neighbour in self._neighbours:
-            start, _ = self._predict(neighbour)
-            flows.append(dis_matcher(refinements=0).calc(self._image, neighbour.image, start))
+            start = cv2.merge(list(self._predict(neighbour)[0]))
+            flow = dis_matcher(refinements=0).calc(self._image, neighbour.image, start)
+            flows.append(np.ascontiguousarray(np.moveaxis(flow, -1, 0)))
             if len(flows) in (*REFINE_AFTER, len(self._neighbours)):
                 self._refine_depth(flows)
         return flows
 
     def _refine_depth(self, flows: list[FloatMap]) -> None:
-        visible = [self._visible(flow) for flow in flows]
         step = np.empty_like(self._inverse_depth)
         for rows in bands(len(step)):
             along, steepness = np.zeros((2, *step[rows].shape), np.float32)
-            for flow, seen, neighbour in zip(flows, visible, self._neighbours, strict=False):
-                predicted, slope = neighbour.view.over_rows(self._inverse_depth[rows], rows.start)
-                error, lever = as_complex(flow[rows] - predicted), as_complex(slope)
-                weight = seen[rows] / (1 + squared(error) / 4)
+            for flow, neighbour in zip(flows, self._neighbours, strict=False):
+                predicted, lever = self._predict(neighbour, rows)
+                error = flow[:, rows] - predicted
+                weight = self._visible(flow[:, rows], self._x, self._y[rows])
+                weight /= 1 + squared(error) / 4
                 along += weight * dot(error, lever)
                 steepness += weight * squared(lever)
             step[rows] = along / (steepness + TINY)
         self._step_depth(step)
 
-    def _first_stage(self, flows: list[FloatMap]) -> tuple[list[FloatMap], FloatMap]:
-        """Takes the pose error out of every neighbour and sets the depth.
-
-        Returns:
-            Those errors, and the displacement so far.
-        """
-        wide = self._texture_within(4.0)
-        textured = wide / (wide + TEXTURE_HALF)
-        errors, slopes, weights, pose_errors = [], [], [], []
+    def _pose_errors(self, poses: PoseErrors, flows: list[FloatMap]) -> list[FloatMap]:
+        """What `poses` finds in the flow towards each neighbour."""
+        wide = self._texture_within(4.0)[SOME, SOME]
+        x, y, textured = self._x[SOME], self._y[SOME], wide / (wide + TEXTURE_HALF)
+        found = []
         for flow, neighbour in zip(flows, self._neighbours, strict=True):
-            predicted, slope = self._predict(neighbour)
-            error, visible = flow - predicted, self._visible(predicted)
-            pose_errors.append(self._pose_like(np.clip(error, -4, 4), textured * visible))
-            errors.append(error - pose_errors[-1])
-            slopes.append(slope)
-            weights.append(visible / (1 + 2 * squared(as_complex(errors[-1]))))
-        first = separate(np.array(errors), np.array(slopes), np.array(weights))
-        step, limit = first.inverse_depth_step, 0.3 * self._inverse_depth
-        self._step_depth(np.where(np.abs(step) < limit, step, 0))
-        return pose_errors, first.displacement
+            predicted, _ = neighbour.view.over_grid(x, y, self._inverse_depth[SOME, SOME])
+            error = np.clip(flow[:, SOME, SOME] - predicted, -4, 4)
+            found.append(poses.fit(error, textured * self._visible(predicted, x, y)))
+        return found
 
-    def _second_stage(self, pose_errors: list[FloatMap], first: FloatMap) -> Measurement:
-        shifts, slopes, visible, misfits = [], [], [], []
-        for neighbour, pose_error in zip(self._neighbours, pose_errors, strict=True):
-            predicted, slope = self._predict(neighbour)
-            flow = predicted + pose_error
-            registered = sample(neighbour.image, self._pixels + flow)
-            shifts.append(self._shift(registered))
-            misfits.append(blur((registered - self._image) ** 2, WINDOW_PX))
-            visible.append(self._visible(flow))
-            slopes.append(slope)
-        usual_misfit = np.median(misfits, axis=0) + 4
-        weights = np.array(visible) / (1 + (np.array(misfits) / usual_misfit) ** 2)
-        second = self._robustly(np.array(shifts), np.array(slopes), weights.astype(np.float32))
-        return self._measured(second, np.array(slopes), first, usual_misfit)
+    def _first_stage(
+        self, poses: PoseErrors, pose_errors: list[FloatMap], flows: list[FloatMap]
+    ) -> FloatMap:
+        """Takes the pose error out of every neighbour, sets the depth; the displacement so far."""
+        step, displacement = np.empty_like(self._inverse_depth), np.empty_like(flows[0])
+        for rows in bands(len(step)):
+            errors, slopes, weights = [], [], []
+            for flow, neighbour, found in zip(flows, self._neighbours, pose_errors, strict=True):
+                predicted, slope = self._predict(neighbour, rows)
+                visible = self._visible(predicted, self._x, self._y[rows])
+                error = flow[:, rows] - predicted
+                error -= poses.field(found, rows)
+                errors.append(error)
+                slopes.append(slope)
+                weights.append(visible / (1 + 2 * squared(error)))
+            answer = separate(errors, slopes, weights)
+            step[rows], displacement[:, rows] = answer.inverse_depth_step, answer.displacement
+        self._step_depth(np.where(np.abs(step) < 0.3 * self._inverse_depth, step, 0))
+        return displacement
 
-    def _shift(self, registered: FloatMap) -> FloatMap:
-        """How far the registered neighbour still is from the key frame, px."""
-        difference = blur(registered, PRESMOOTHING_PX) - self._smooth
-        return np.clip(self._window.shift(difference), -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
-
-    def _robustly(self, shifts: FloatMap, slopes: FloatMap, weights: FloatMap) -> _Robust:
-        for _ in range(2):
-            answer = separate(shifts, slopes, weights)
-            squares = answer.squared_residuals(shifts, slopes)
-            variance = (weights * squares).sum(axis=0) / (weights.sum(axis=0) + TINY)
-            used = weights
-            weights = weights / (1 + squares / (4 * variance + 1e-4))
-        return _Robust(answer=answer, variance=variance, seen=used.sum(axis=0))
-
-    def _measured(
-        self, second: _Robust, slopes: FloatMap, first: FloatMap, misfit: FloatMap
+    def _second_stage(
+        self, poses: PoseErrors, pose_errors: list[FloatMap], first: FloatMap
     ) -> Measurement:
-        parallax = np.abs(as_complex(slopes)).max(axis=0)
+        registered = [
+            self._registered(neighbour, poses, pose_error)
+            for neighbour, pose_error in zip(self._neighbours, pose_errors, strict=True)
+        ]
+        misfit, variance, factor, seen, parallax = np.empty((5, *self._image.shape), np.float32)
+        displacement = np.empty_like(first)
+        for rows in bands(len(misfit)):
+            misfit[rows] = median([r.misfit[rows] for r in registered]) + 4
+            second = robustly(registered, misfit[rows], rows)
+            displacement[:, rows] = second.answer.displacement
+            factor[rows] = second.answer.variance_factor
+            variance[rows], seen[rows] = second.variance, second.seen
+            parallax[rows] = np.sqrt(np.max([squared(r.slope[:, rows]) for r in registered], 0))
         step = np.abs(self._inverse_depth - blur(self._inverse_depth, 5.0)) * parallax
-        textured = self._texture / (self._texture + TEXTURE_HALF)
-        w = np.clip(second.answer.displacement, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
-        drift = self._pose_like(w, textured * (second.seen > 1))
         return Measurement(
-            displacement=np.clip(w - drift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX),
-            first_displacement=np.clip(first, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX),
+            displacement=_limited(self._without_drift(displacement, seen)),
+            first_displacement=_limited(first),
             misfit=misfit,
-            scatter_px=np.sqrt(second.variance / 2),
-            variance_factor=second.answer.variance_factor,
-            visible=second.seen,
+            scatter_px=np.sqrt(variance / 2),
+            variance_factor=factor,
+            visible=seen,
             texture=self._texture,
             relative_inverse_depth=self._inverse_depth,
             depth_edge_px=cv2.dilate(step, np.ones((5, 5), np.uint8)),
         )
+
+    def _registered(
+        self, neighbour: Neighbour, poses: PoseErrors, pose_error: FloatMap
+    ) -> Registered:
+        shape = self._image.shape
+        visible, slope = np.empty(shape, np.float32), np.empty((2, *shape), np.float32)
+        positions = np.empty((*shape, 2), np.float32)
+        for rows in bands(len(visible)):
+            flow, slope[:, rows] = self._predict(neighbour, rows)
+            flow += poses.field(pose_error, rows)
+            visible[rows] = self._visible(flow, self._x, self._y[rows])
+            flow[0] += self._x
+            flow[1] += self._y[rows, None]
+            positions[rows] = cv2.merge(list(flow))
+        image = sample(neighbour.image, positions)
+        shift = self._window.shift_planes(blur(image, PRESMOOTHING_PX) - self._smooth)
+        return Registered(
+            shift=np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX),
+            slope=slope,
+            visible=visible,
+            misfit=blur((image - self._image) ** 2, WINDOW_PX),
+        )
+
+    def _without_drift(self, displacement: FloatMap, seen: FloatMap) -> FloatMap:
+        """Takes out what looks like an error of the key frame's own pose."""
+        texture = self._texture[SOME, SOME]
+        textured = texture / (texture + TEXTURE_HALF) * (seen[SOME, SOME] > 1)
+        w = np.clip(displacement, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
+        poses = PoseErrors(self._inverse_depth)
+        drift = poses.fit(w[:, SOME, SOME], textured)
+        for rows in bands(len(seen)):
+            w[:, rows] -= poses.field(drift, rows)
+        return w
+
+
+def _limited(planes: FloatMap) -> FloatMap:
+    """(H, W, 2) of (2, H, W)."""
+    clipped = np.clip(planes, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
+    return np.ascontiguousarray(np.moveaxis(clipped, 0, -1))

@@ -10,7 +10,8 @@ from geometry.sfm.features import SEED, THREADS
 
 MIN_MODEL_IMAGES = 3
 TRACKS_PER_VIEW = 100
-ROUGH_TOLERANCE = 1e-3  # of the cost; the last adjustment follows
+GLOBAL_TOLERANCE = 1e-3  # of the cost; `adjust` follows
+ROUGH_TOLERANCE, FINE_TOLERANCE = 1e-2, 1e-4
 
 
 def map_globally(
@@ -25,11 +26,30 @@ def map_globally(
     options.mapper.global_positioning.use_gpu = False
     adjustment = options.mapper.bundle_adjustment
     adjustment.ceres.use_gpu = False
-    adjustment.ceres.solver_options.function_tolerance = ROUGH_TOLERANCE
+    adjustment.ceres.solver_options.function_tolerance = GLOBAL_TOLERANCE
     adjustment.refine_focal_length = refine_camera
     adjustment.refine_extra_params = refine_camera
     output.mkdir(parents=True, exist_ok=True)
-    return _by_size(pycolmap.global_mapping(database, image_dir, output, options))
+    options.mapper.skip_retriangulation = True
+    models = pycolmap.global_mapping(database, image_dir, output, options)
+    for model in models.values():
+        _triangulate(database, model)
+    return _by_size(models)
+
+
+def _triangulate(database: Path, model: pycolmap.Reconstruction) -> None:
+    """All points that the matches support, in place; poses stay."""
+    with pycolmap.Database.open(database) as db:
+        cache = pycolmap.DatabaseCache.create(db, pycolmap.DatabaseCacheOptions())
+    mapper = pycolmap.IncrementalMapper(cache)
+    mapper.begin_reconstruction(model)
+    options = pycolmap.IncrementalTriangulatorOptions()
+    options.random_seed = SEED
+    for image_id in model.reg_image_ids():
+        mapper.triangulate_image(options, image_id)
+    mapper.complete_and_merge_tracks(options)
+    mapper.filter_points(pycolmap.IncrementalMapperOptions())
+    mapper.end_reconstruction(False)
 
 
 def map_incrementally(
@@ -69,11 +89,17 @@ def map_incrementally(
 
 
 def adjust(model: pycolmap.Reconstruction, *, refine_camera: bool) -> None:
-    """The last bundle adjustment, in place.
+    """The last bundle adjustments, in place: a rough one, and one that outliers do not bend.
 
     The robust loss has the scale of the residuals themselves: most features are good to a fifth of
-    a pixel, and those a moving plume carries off are not.
+    a pixel, and those a moving plume carries off are not. What that scale is, the rough one tells.
     """
+    for tolerance in (ROUGH_TOLERANCE, FINE_TOLERANCE):
+        _adjust(model, refine_camera=refine_camera, tolerance=tolerance)
+    model.update_point_3d_errors()
+
+
+def _adjust(model: pycolmap.Reconstruction, *, refine_camera: bool, tolerance: float) -> None:
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = refine_camera
@@ -82,13 +108,12 @@ def adjust(model: pycolmap.Reconstruction, *, refine_camera: bool) -> None:
     options.ceres.loss_function_scale = residual_sigma_px(model)
     options.ceres.solver_options.num_threads = THREADS
     options.ceres.solver_options.max_num_iterations = 50
-    options.ceres.solver_options.function_tolerance = 1e-4
+    options.ceres.solver_options.function_tolerance = tolerance
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
-    model.update_point_3d_errors()
 
 
 def _nothing() -> None:

@@ -274,8 +274,8 @@ def _finish(
         checks.check_focal(camera.mean_focal_length(), focal_prior_px, side)
     rows, ids = summary.rows_and_ids(model, job.names)
     raw = summary.trajectory(model, ids, indices[rows], times_s[rows])
-    points, _, _ = summary.points(model, ids)
-    distance = summary.view_distance(model, ids)
+    points, errors_px, visible = summary.points(model, ids)
+    distance = summary.view_distance(raw.centers_in_world, points, visible)
     scene_from_model, up_source = normalising_transform(raw, points, distance)
     model.transform(
         pycolmap.Sim3d(
@@ -285,9 +285,9 @@ def _finish(
         )
     )
     covariances = pose_covariances(model, ids, refined_camera=job.refine)
-    points, errors_px, visible = summary.points(model, ids)
+    points = scene_from_model(points)
     trajectory = summary.trajectory(model, ids, indices[rows], times_s[rows], covariances)
-    report = summary.report(model, trajectory, visible)
+    report = summary.report(model, trajectory, points, visible)
     report |= {
         "method": solution.method,
         "registered_share": len(ids) / len(job.names),

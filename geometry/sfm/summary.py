@@ -66,41 +66,45 @@ def points(
     return xyz, errors_px, tuple(visible)
 
 
-def view_distance(model: pycolmap.Reconstruction, image_ids: list[int]) -> float:
-    """Median distance from a camera to the points it sees, model units."""
-    xyz, _, visible = points(model, image_ids)
-    centers = [model.image(image_id).projection_center() for image_id in image_ids]
+def view_distance(
+    centers: FloatArray, points_in_world: FloatArray, visible: tuple[IntArray, ...]
+) -> float:
+    """Median distance from a camera to the points it sees, world units."""
     seen = zip(centers, visible, strict=True)
-    return float(np.median(np.concatenate([np.linalg.norm(xyz[v] - c, axis=1) for c, v in seen])))
+    distances = [np.linalg.norm(points_in_world[v] - center, axis=1) for center, v in seen]
+    return float(np.median(np.concatenate(distances)))
 
 
 def triangulation_angles_deg(
     centers: FloatArray, points_in_world: FloatArray, visible: tuple[IntArray, ...]
 ) -> FloatArray:
     """(M,) the widest angle each point is seen under."""
-    directions: list[list[FloatArray]] = [[] for _ in points_in_world]
-    for center, rows in zip(centers, visible, strict=True):
-        rays = points_in_world[rows] - center
-        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        for row, ray in zip(rows, rays, strict=True):
-            directions[row].append(ray)
+    cameras = np.repeat(np.arange(len(visible)), [len(rows) for rows in visible])
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *visible])
+    order = np.argsort(rows, kind="stable")
+    rays = points_in_world[rows[order]] - centers[cameras[order]]
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    counts = np.bincount(rows, minlength=len(points_in_world))
+    starts = np.cumsum(counts) - counts
     angles = np.zeros(len(points_in_world))
-    for row, rays_of_point in enumerate(directions):
-        if len(rays_of_point) > 1:
-            rays = np.array(rays_of_point)
-            cosines = (rays @ rays.T).min()
-            angles[row] = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+    for count in np.unique(counts[counts > 1]):
+        alike = np.flatnonzero(counts == count)
+        of_point = rays[starts[alike, None] + np.arange(count)]
+        cosines = (of_point @ of_point.swapaxes(1, 2)).min(axis=(1, 2))
+        angles[alike] = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
     return angles
 
 
 def report(
-    model: pycolmap.Reconstruction, poses: Trajectory, visible: tuple[IntArray, ...]
+    model: pycolmap.Reconstruction,
+    poses: Trajectory,
+    points_in_world: FloatArray,
+    visible: tuple[IntArray, ...],
 ) -> dict[str, Any]:
     """Plain numbers that say how good a reconstruction is."""
-    xyz = np.array([point.xyz for _, point in sorted(model.points3D.items())]).reshape(-1, 3)
-    angles = triangulation_angles_deg(poses.centers_in_world, xyz, visible)
+    angles = triangulation_angles_deg(poses.centers_in_world, points_in_world, visible)
     return {
-        "points": len(xyz),
+        "points": len(points_in_world),
         "points_per_image": float(np.median([len(rows) for rows in visible])),
         "reprojection_px": float(model.compute_mean_reprojection_error()),
         "residual_sigma_px": residual_sigma_px(model),

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from detect.registered.separate import pose_like_field, separate
+from detect.registered.pose_errors import SOME, PoseErrors
+from detect.registered.robust import median
+from detect.registered.separate import separate
 
 SHAPE = (24, 32)
 
@@ -9,20 +11,21 @@ SHAPE = (24, 32)
 def test_depth_and_refraction_are_told_apart() -> None:
     rng = np.random.default_rng(0)
     baselines = np.array([-3.0, -2.0, 2.0, 3.0, 4.0])[:, None, None, None]
-    slopes = (baselines * np.array([10.0, 1.0]) * np.ones((*SHAPE, 1))).astype(np.float32)
+    slopes = (baselines * np.array([10.0, 1.0])[:, None, None] * np.ones(SHAPE)).astype(np.float32)
     step = rng.normal(0, 0.05, SHAPE).astype(np.float32)
-    w = rng.normal(0, 0.5, (*SHAPE, 2)).astype(np.float32)
-    flows = slopes * step[..., None] + w
+    w = rng.normal(0, 0.5, (2, *SHAPE)).astype(np.float32)
+    flows = slopes * step + w
     answer = separate(flows, slopes, np.ones((5, *SHAPE), np.float32))
     np.testing.assert_allclose(answer.inverse_depth_step, step, atol=1e-3)
     np.testing.assert_allclose(answer.displacement, w, atol=1e-3)
-    assert answer.squared_residuals(flows, slopes).max() < 1e-4
+    for flow, slope in zip(flows, slopes, strict=True):
+        assert answer.squared_residual(flow, slope).max() < 1e-4
 
 
 def test_the_variance_factor_is_that_of_many_draws() -> None:
     rng = np.random.default_rng(1)
-    slopes = np.zeros((4, 200, 200, 2), np.float32)
-    slopes[..., 0] = np.array([1.0, 2.0, 3.0, 5.0])[:, None, None] * 10
+    slopes = np.zeros((4, 2, 200, 200), np.float32)
+    slopes[:, 0] = np.array([1.0, 2.0, 3.0, 5.0])[:, None, None] * 10
     noise = rng.normal(0, 0.1, slopes.shape).astype(np.float32)
     answer = separate(noise, slopes, np.ones((4, 200, 200), np.float32))
     spread = (answer.displacement**2).mean() / 0.01
@@ -30,7 +33,7 @@ def test_the_variance_factor_is_that_of_many_draws() -> None:
 
 
 def test_a_pixel_nobody_sees_stays_finite() -> None:
-    slopes = np.ones((3, *SHAPE, 2), np.float32)
+    slopes = np.ones((3, 2, *SHAPE), np.float32)
     answer = separate(slopes, slopes, np.zeros((3, *SHAPE), np.float32))
     assert np.isfinite(answer.displacement).all()
 
@@ -38,14 +41,25 @@ def test_a_pixel_nobody_sees_stays_finite() -> None:
 def test_a_pose_error_is_taken_out_and_a_plume_left() -> None:
     y, x = np.meshgrid(np.linspace(-0.5, 0.5, 96), np.linspace(-0.5, 0.5, 128), indexing="ij")
     depth = np.where(x > 0.2, 2.0, 1.0).astype(np.float32)
-    error = np.stack([0.3 + 0.2 * x * y + 0.4 * depth, 0.1 * x - 0.2 * depth * y], axis=-1)
+    error = np.stack([0.3 + 0.2 * x * y + 0.4 * depth, 0.1 * x - 0.2 * depth * y])
     plume = np.zeros_like(error)
-    plume[30:50, 40:55, 0] = 0.5
-    found = pose_like_field((error + plume).astype(np.float32), depth, np.ones_like(depth))
-    np.testing.assert_allclose(found, error, atol=0.02)
+    plume[0, 30:50, 40:55] = 0.5
+    poses = PoseErrors(depth)
+    field = (error + plume).astype(np.float32)[:, SOME, SOME]
+    found = poses.fit(field, np.ones_like(field[0]))
+    np.testing.assert_allclose(poses.field(found, slice(None)), error, atol=0.02)
+    np.testing.assert_array_equal(
+        poses.field(found, slice(40, 60)), poses.field(found, slice(None))[:, 40:60]
+    )
 
 
 def test_too_little_texture_takes_nothing_out() -> None:
-    field = np.ones((*SHAPE, 2), np.float32)
-    nowhere = np.zeros(SHAPE, np.float32)
-    assert not pose_like_field(field, nowhere + 1, nowhere).any()
+    field = np.ones((2, *SHAPE), np.float32)[:, SOME, SOME]
+    poses = PoseErrors(np.ones(SHAPE, np.float32))
+    assert not poses.fit(field, np.zeros_like(field[0])).any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 8])
+def test_the_median_of_a_few_maps(count: int) -> None:
+    maps = np.random.default_rng(count).normal(size=(count, *SHAPE)).astype(np.float32)
+    np.testing.assert_allclose(median(maps), np.median(maps, axis=0), rtol=1e-6)

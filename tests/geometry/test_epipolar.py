@@ -49,3 +49,12 @@ def test_inverse_depth_in_another_unit(trajectory: Trajectory) -> None:
     np.testing.assert_allclose(
         view.rescaled(0.1).flow(pixels, 2.0), view.flow(pixels, 0.2), atol=1e-4
     )
+
+
+def test_a_grid_in_planes_is_the_same(trajectory: Trajectory) -> None:
+    x, y = np.arange(3, 40, 4, dtype=np.float32), np.arange(5, 70, 2, dtype=np.float32)
+    depth = np.random.default_rng(1).uniform(0, 0.3, (len(y), len(x))).astype(np.float32)
+    view = Epipolar.between(trajectory, 0, 1)
+    together = view.flow_and_slope(np.stack(np.meshgrid(x, y), axis=-1), depth)
+    for planes, field in zip(view.over_grid(x, y, depth), together, strict=True):
+        np.testing.assert_allclose(np.moveaxis(planes, 0, -1), field, rtol=1e-6)

@@ -1,6 +1,7 @@
 """Structure from motion on small rendered scenes: what works, and every failure by its name."""
 
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.sfm import Reconstruction, checks, mapping, reconstruct
 from geometry.sfm.reconstruct import STAGES
+from geometry.sfm.summary import triangulation_angles_deg
 from geometry.similarity import align
 
 WIDTH, HEIGHT, FOCAL = 480, 360, 420.0
@@ -304,3 +306,17 @@ def test_roughness_tells_a_path_from_a_scatter() -> None:
 def test_camera_of_another_size_is_refused(tmp_path: Path, room_images: list[np.ndarray]) -> None:
     with pytest.raises(BadInputError, match="640x480"):
         run(tmp_path, room_images[:3], camera=Camera.pinhole(640, 480, 500))
+
+
+def test_points_are_seen_under_the_widest_angle_between_two_rays() -> None:
+    rng = np.random.default_rng(0)
+    centers, points = rng.normal(size=(6, 3)), rng.normal((0, 0, 9), size=(40, 3))
+    visible = tuple(np.flatnonzero(rng.random(40) < 0.5) for _ in centers)
+    expected = np.zeros(40)
+    for row, point in enumerate(points):
+        rays = [point - c for c, v in zip(centers, visible, strict=True) if row in v]
+        for a, b in combinations(rays, 2):
+            cosine = a @ b / np.linalg.norm(a) / np.linalg.norm(b)
+            expected[row] = max(expected[row], np.degrees(np.arccos(cosine)))
+    found = triangulation_angles_deg(centers, points, visible)
+    np.testing.assert_allclose(found, expected, atol=1e-6)

@@ -1,0 +1,72 @@
+"""What is left in the flow by errors of the poses."""
+
+import numpy as np
+
+from geometry.arrays import FloatArray, FloatMap
+
+STRIDE = 4
+"""Every so many rows and columns enter the fit of a pose error; fewer fit it visibly worse."""
+SOME = slice(STRIDE // 2, None, STRIDE)
+FITS = 4
+LEAST_WEIGHT = 0.1
+
+
+class PoseErrors:
+    """What small errors of a pose look like in a scene of (H, W) inverse depths, in any unit.
+
+    A turn of the camera moves pixels by a quadratic in their position, a shift by inverse depth
+    times a linear function (Longuet-Higgins & Prazdny, Proc. R. Soc. B 1980, eq. 2.11 and 2.12).
+    """
+
+    def __init__(self, inverse_depth: FloatMap) -> None:
+        self._inverse_depth = inverse_depth
+        y, x = (np.linspace(-0.5, 0.5, n, dtype=np.float32) for n in inverse_depth.shape)
+        self._x, self._y = x, y[:, None]
+        x, y = np.meshgrid(x[SOME], y[SOME])
+        r = inverse_depth[SOME, SOME]
+        terms = [np.ones_like(x), x, y, x * x, y * y, x * y, r, r * x, r * y]
+        self._terms = np.stack([term.ravel() for term in terms]).astype(float)
+
+    def fit(self, field: FloatMap, weights: FloatMap) -> FloatMap:
+        """The error that explains a field best, fitted robustly.
+
+        Args:
+            field: (2, h, w) px, `SOME` of the rows and columns.
+            weights: (h, w) from 0 to 1.
+
+        Returns:
+            (2, 9) for `field`; zero where too little of the image has weight.
+        """
+        values = field.reshape(2, -1).astype(float)
+        prior = weights.ravel().astype(float)
+        heard = prior > LEAST_WEIGHT
+        if heard.sum() < 10 * len(self._terms):
+            return np.zeros((2, len(self._terms)), np.float32)
+        coefficients, robust = np.zeros((2, len(self._terms))), prior
+        for _ in range(FITS):
+            coefficients = self._solved(values, robust)
+            misfit = values - coefficients @ self._terms
+            squares = (misfit * misfit).sum(axis=0)
+            robust = prior / (1 + squares / _squared_scale(squares[heard]))
+        return coefficients.astype(np.float32)
+
+    def _solved(self, values: FloatArray, weights: FloatArray) -> FloatArray:
+        weighted = self._terms * weights
+        normal = weighted @ self._terms.T + 1e-3 * np.eye(len(weighted))
+        return np.asarray(np.linalg.solve(normal, weighted @ values.T).T)
+
+    def field(self, coefficients: FloatMap, rows: slice) -> FloatMap:
+        """(2, h, W) px, some rows of the error that `fit` found."""
+        x, y, r = self._x, self._y[rows], self._inverse_depth[rows]
+        planes = np.empty((2, *r.shape), np.float32)
+        for k, c in enumerate(coefficients):
+            np.add(c[6] + c[7] * x, c[8] * y, out=planes[k])
+            planes[k] *= r
+            planes[k] += (c[0] + (c[1] + c[3] * x) * x) + (c[2] + c[4] * y) * y
+            planes[k] += y * (c[5] * x)
+        return planes
+
+
+def _squared_scale(squares: FloatArray) -> float:
+    """From where on a misfit is an outlier's, px squared."""
+    return max(1.8 * float(np.sqrt(np.median(squares))), 0.015) ** 2
