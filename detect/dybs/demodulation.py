@@ -18,7 +18,7 @@ from detect.dybs.tile import Tile
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 
 TILE_PX, OVERLAP_PX, SMALLEST_PX = 192, 32, 48
-LEAST_SHARE = 0.05
+LEAST_SHARE = 0.5
 
 Part = tuple[slice, slice]
 

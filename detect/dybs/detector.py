@@ -46,7 +46,8 @@ class Reading:
     """What waves and straight edges say of an image, as a judge reads them.
 
     Attributes:
-        texture: (H, W) of `Texture`; a lattice whose waves say nothing counts as straight.
+        texture: (H, W) of `Texture`; a lattice whose waves say nothing counts as straight, and
+            straight edges that are not to be believed as irregular.
         measured: Waves and edges.
         says: Displacement, log-variance and logit at full size; None where there is neither.
     """
@@ -60,9 +61,12 @@ class Reading:
         """Reads an image, (H, W)."""
         texture = texture_classes(image)
         measured = measure(image, texture)
-        waves = measured.lattice.repeat(2, axis=0).repeat(2, axis=1)
-        unmeasured = (texture == Texture.LATTICE) & ~waves[: image.shape[0], : image.shape[1]]
-        texture[unmeasured] = Texture.STRAIGHT
+        waves, sound = (
+            map_.repeat(2, axis=0).repeat(2, axis=1)[: image.shape[0], : image.shape[1]]
+            for map_ in (measured.lattice, measured.sound)
+        )
+        texture[(texture == Texture.LATTICE) & ~waves] = Texture.STRAIGHT
+        texture[(texture == Texture.STRAIGHT) & ~sound] = Texture.IRREGULAR
         says = judge(measured, image.shape) if np.isin(texture, MEASURABLE).any() else None
         return cls(texture=texture, measured=measured, says=says)
 

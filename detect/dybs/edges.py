@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from detect.dybs.points import NEAREST_PX, Indices, Points, camera_noise
+from detect.dybs.sound import sound, witness
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 
 MISFIT_PX = 0.02
@@ -27,6 +28,7 @@ LAG, MOST_BENT_PX = 3, 2.0
 POOL_PX = 3.0
 ACROSS = 0.03
 LONGEST_PX = 128.0
+SUMS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,13 +40,15 @@ class Departures:
         shared: (N,) off the line of the pencil, where the edge agrees with it; else as `own`.
         tilt: (N,) of that line, px along the axis per row or column.
         length: (N,) points of the edge.
-        variance: (N,) px^2 of these: by the camera's noise, or by how rough the edge is.
+        floor: (N,) px^2 variance of these by the camera's noise.
+        variance: (N,) the same, or by how rough the edge is where that is more.
     """
 
     own: FloatArray
     shared: FloatArray
     tilt: FloatArray
     length: FloatArray
+    floor: FloatArray
     variance: FloatArray
 
     @classmethod
@@ -54,9 +58,9 @@ class Departures:
         length = np.bincount(edge).astype(float)
         middle, level = (np.bincount(edge, v) / length for v in (points.line, points.place))
         at, off = points.line - middle[edge], points.place - level[edge]
-        trust = 1 / (points.sigma_px**2 + MISFIT_PX**2)
-        own, own_tilt = _off_own_lines(at, off, trust, edge)
-        variance = np.maximum(points.sigma_px**2, _roughness(own, edge)) + MISFIT_PX**2
+        floor = points.sigma_px**2 + MISFIT_PX**2
+        own, own_tilt = _off_own_lines(at, off, 1 / floor, edge)
+        variance = np.maximum(floor, _roughness(own, edge) + MISFIT_PX**2)
         places = np.stack([level // BLOCK_PX, middle // BLOCK_PX])
         blocks = np.unique(places, axis=1, return_inverse=True)[1].ravel()
         shared, tilt = _off_pencils(
@@ -68,6 +72,7 @@ class Departures:
             shared=np.where(agrees[edge], shared, own),
             tilt=np.where(agrees, tilt, own_tilt)[edge],
             length=length[edge],
+            floor=floor,
             variance=variance,
         )
 
@@ -79,20 +84,22 @@ def straightness(image: GreyImage) -> FloatMap:
         image: (H, W) grey values.
 
     Returns:
-        (H/2, W/2, 8), rounded up: displacement px x, y off the shared lines; the same off their
-        own; information xx, xy, yy, 1 / px^2; how long the edges are, 1 at 128 px. Zeros far from
-        edges.
+        (H/2, W/2, 9), rounded up: displacement px x, y off the shared lines; the same off their
+        own; information xx, xy, yy, 1 / px^2; how long the edges are, 1 at 128 px; 1 where they
+        may be believed. Zeros far from edges.
     """
-    sums = np.zeros((*[(side + 1) // 2 for side in image.shape], 8), np.float32)
+    sums = np.zeros((*[(side + 1) // 2 for side in image.shape], SUMS), np.float32)
     if min(image.shape) <= 2 * NEAREST_PX:
-        return sums
+        return sums[..., :9]
     grey = image.astype(np.float32)
     noise = camera_noise(grey)
     for axis, seen in enumerate((grey, np.ascontiguousarray(grey.T))):
         points = Points.find(seen, noise)
         if len(points.edge):
             sums += _summed(points, Departures.of(points), axis, sums.shape[:2])
-    return _pooled(sums)
+    said, witnessed = np.split(sums, [8], axis=-1)
+    pooled = _pooled(said)
+    return np.dstack([pooled, sound(pooled[..., :2], witnessed)])
 
 
 def _off_own_lines(
@@ -177,7 +184,7 @@ def _cauchy(rest: FloatArray, weights: FloatArray, group: Indices) -> FloatArray
 
 
 def _summed(points: Points, off: Departures, axis: int, shape: tuple[int, ...]) -> FloatMap:
-    """(*shape, 8) sums over each cell's points, times their certainty."""
+    """(*shape, 12) sums over each cell's points: 8 times their certainty, and their `witness`."""
     across = 1 / np.hypot(1, off.tilt)
     x, y, places = across, -across * off.tilt, (points.place, points.line)
     if axis:
@@ -185,10 +192,11 @@ def _summed(points: Points, off: Departures, axis: int, shape: tuple[int, ...]) 
     certain = (np.abs(off.own) < FARTHEST_PX) / off.variance
     shared, own = -off.shared * across, -off.own * across
     long = np.log(off.length) / np.log(LONGEST_PX)
-    parts = [x * shared, y * shared, x * own, y * own, x * x, x * y, y * y, long]
+    said = [x * shared, y * shared, x * own, y * own, x * x, x * y, y * y, long]
+    parts = [certain * part for part in said] + witness((x, y), off.floor, off.variance)
     column, row = (np.rint(place).astype(np.intp) // 2 for place in places)
     cells = row * shape[1] + column
-    sums = [np.bincount(cells, certain * part, shape[0] * shape[1]) for part in parts]
+    sums = [np.bincount(cells, part, shape[0] * shape[1]) for part in parts]
     return np.stack(sums, axis=-1).reshape(*shape, -1).astype(np.float32)
 
 

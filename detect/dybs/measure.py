@@ -33,6 +33,7 @@ class Measured:
             nothing is known.
         length: (H/2, W/2) of the edges, 1 at 128 px; 0 for waves.
         lattice: (H/2, W/2) where waves speak.
+        sound: (H/2, W/2) where straight edges may be believed.
     """
 
     displacement: FloatMap
@@ -40,6 +41,7 @@ class Measured:
     information: FloatMap
     length: FloatMap
     lattice: BoolArray
+    sound: BoolArray
 
     @property
     def certainty(self) -> FloatMap:
@@ -57,10 +59,10 @@ def measure(image: GreyImage, texture: Classes) -> Measured:
     waves = demodulated(image, texture == Texture.LATTICE)
     lattice = waves[..., 2] + waves[..., 4] > 0
     half = texture[::2, ::2]
-    maps = np.zeros((*waves.shape[:2], 8), np.float32)
+    maps = np.zeros((*waves.shape[:2], 9), np.float32)
     if ((half == Texture.STRAIGHT) | ((half == Texture.LATTICE) & ~lattice)).any():
         maps = straightness(image)
-    nothing = np.zeros_like(waves[..., :1])
+    nothing = np.zeros_like(waves[..., :2])
     maps[lattice] = np.concatenate([waves[..., :2], waves, nothing], axis=-1)[lattice]
     return Measured(
         displacement=maps[..., :2],
@@ -68,6 +70,7 @@ def measure(image: GreyImage, texture: Classes) -> Measured:
         information=maps[..., 4:7],
         length=maps[..., 7],
         lattice=lattice,
+        sound=maps[..., 8] > 0,
     )
 
 

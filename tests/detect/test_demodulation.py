@@ -44,6 +44,16 @@ def test_two_waves_give_the_whole_displacement_with_its_sign() -> None:
     assert error[~inside].mean() < 0.02
 
 
+@pytest.mark.parametrize(("share", "speaks"), [(0.6, True), (0.4, False)])
+def test_a_lattice_that_fills_less_than_half_of_a_tile_is_left_alone(
+    share: float, speaks: bool
+) -> None:
+    image = lattice(plume(), [(0.12, 0.02), (-0.03, 0.11)])
+    there = everywhere(image)
+    there[:, round(share * SIDE) :] = False
+    assert demodulate(image, there).information.any() == speaks
+
+
 def test_one_wave_gives_what_crosses_its_lines() -> None:
     truth = plume()
     image = lattice(truth, [(0.1, 0.0)])

@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -7,15 +8,19 @@ from detect.detection import Frames
 from detect.dybs import DybsDetector
 from detect.dybs.detector import Reading, SingleFrame, joined
 from detect.dybs.measure import measure
-from detect.texture import Texture
+from detect.texture import Texture, texture_classes
 from geometry.errors import BadInputError
 from tests.detect.onnx_files import convolution
 from tests.detect.test_demodulation import lattice, plume
+from tests.detect.test_edges import bars, slanted
+from tests.detect.test_edges import plume as plume_before_edges
 
-LATTICE_ONLY = {
-    "scores": ["logit", "judge"],
-    "classes": {"lattice": {"weights": [0.0, 1.0], "offset": 0.0, "prior": 0.1, "auroc": 0.95}},
-}
+BY_THE_JUDGE = {"weights": [0.0, 1.0], "offset": 0.0, "prior": 0.1, "auroc": 0.95}
+LATTICE_ONLY = {"scores": ["logit", "judge"], "classes": {"lattice": BY_THE_JUDGE}}
+STRAIGHT_ONLY = {"scores": ["logit", "judge"], "classes": {"straight": BY_THE_JUDGE}}
+
+
+PLACES = [5.0, 9.0, 26.0, 33.0, 37.0, 58.0, 63.0, 79.0, 83.0, 92.0, 110.0, 116.0]
 
 
 def network(path: Path, **metadata: object) -> Path:
@@ -54,6 +59,20 @@ def test_silence_is_complete(tmp_path: Path, half_lattice: np.ndarray) -> None:
     assert np.isinf(seen.sigma_px[:, 290:]).all()
     assert not seen.displacement[:, 290:].any()
     assert (seen.llr[:, :150] != 0).mean() > 0.99
+
+
+@pytest.mark.parametrize(("wobble_px", "speaks"), [(0.0, True), (0.25, False)])
+def test_straight_edges_are_heard_unless_they_are_bent_everywhere(
+    tmp_path: Path, wobble_px: float, speaks: bool
+) -> None:
+    rng = np.random.default_rng(1)
+    wobble = cv2.GaussianBlur(rng.normal(0, 1, (128, 128, 2)), (0, 0), 8)
+    image = bars(slanted(plume_before_edges(0.5) + wobble * (wobble_px / wobble.std())), PLACES)
+    assert (texture_classes(image) == Texture.STRAIGHT).mean() > 0.9
+    detector = DybsDetector(network(tmp_path / "n.onnx", calibration=STRAIGHT_ONLY))
+    seen = detector.detect(Frames(images=[image]), 0)
+    assert (seen.llr != 0).mean() == pytest.approx(float(speaks), abs=0.1)
+    np.testing.assert_array_equal(np.isfinite(seen.sigma_px), seen.llr != 0)
 
 
 def test_only_the_frame_itself_is_looked_at(tmp_path: Path, half_lattice: np.ndarray) -> None:

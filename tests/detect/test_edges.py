@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from scipy.special import erf
@@ -80,11 +81,44 @@ def test_an_edge_that_is_turned_shows_against_the_pencil_of_the_others() -> None
     assert np.abs(own).mean() < 0.3 * np.abs(shared).mean()
 
 
+PLACES = [*np.arange(6.0, 122, 9)]
+
+
+def believed(image: np.ndarray) -> float:
+    """The share of an image whose straight edges may be believed."""
+    return float(straightness(image)[..., 8].mean())
+
+
+@pytest.mark.parametrize("peak_px", [0.0, 0.9])
+def test_parallel_edges_are_believed_also_behind_a_plume(peak_px: float) -> None:
+    assert believed(bars(slanted(plume(peak_px)), PLACES)) > 0.99
+
+
+@pytest.mark.parametrize("noise", [0.5, 2.0])
+def test_what_is_bent_everywhere_is_not_believed(noise: float) -> None:
+    wobble = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 1, (*SHAPE, 2)), (0, 0), 8)
+    wobble *= 0.25 / wobble.std()
+    assert believed(bars(slanted(wobble), PLACES, noise)) < 0.05
+
+
+def test_rough_edges_are_not_believed() -> None:
+    rough = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 1, (*SHAPE, 2)), (0, 0), 1.5)
+    rough *= 0.08 / rough.std()
+    assert believed(bars(slanted(rough), PLACES)) < 0.01
+
+
+def test_edges_that_cross_are_not_believed() -> None:
+    across = grid()[..., 0] + 0.1 * grid()[..., 1]
+    down = grid()[..., 1] - 0.1 * grid()[..., 0]
+    fence = bars(across, PLACES).astype(float) + bars(down, PLACES) - 128
+    assert believed(fence.clip(0, 255).astype(np.uint8)) < 0.01
+
+
 @pytest.mark.parametrize("shape", [(1, 3), (17, 33), (129, 131), (64, 300)])
 def test_any_size(shape: tuple[int, int]) -> None:
     image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     found = straightness(image)
-    assert found.shape == ((shape[0] + 1) // 2, (shape[1] + 1) // 2, 8)
+    assert found.shape == ((shape[0] + 1) // 2, (shape[1] + 1) // 2, 9)
     assert np.isfinite(found).all()
 
 

@@ -1,0 +1,60 @@
+"""Which straight edges may be believed: those around them run one way, are smooth, and lie still.
+
+A plume bends parts of a few edges, smoothly and by more than a camera's noise can. Where most edges
+around are bent, or rough within a few px, it is the thing itself that is not straight, as nearly
+everywhere in photos; and where edges cross, they mislead each other.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from geometry.arrays import BoolArray, FloatArray, FloatMap
+
+WINDOW = 49
+"""Side of what counts as around, at half the image's resolution."""
+MOST_ROUGH_PX, ROUGHEST_PX = 0.03, 0.2
+LEAST_PARALLEL = 0.9
+STILL_PX, LEAST_STILL = 0.08, 0.65
+EMPTY = 1e-6
+
+
+def witness(
+    across: Sequence[FloatArray], floor: FloatArray, variance: FloatArray
+) -> list[FloatArray]:
+    """What (N,) points of edges have to say of those around, to be summed.
+
+    Args:
+        across: Unit vector across the edge, x and y.
+        floor: px^2, variance of the place by the camera's noise alone.
+        variance: px^2, by noise or by roughness, whichever is more.
+    """
+    x, y = across
+    return [x * x, x * y, y * y, np.minimum(variance - floor, ROUGHEST_PX**2)]
+
+
+def sound(displacement: FloatMap, sums: FloatMap) -> BoolArray:
+    """(h, w) where the edges around may be believed.
+
+    The limits were chosen on samples and photos of the training and the validation split.
+
+    Args:
+        displacement: (h, w, 2) px, of the edges off straight lines.
+        sums: (h, w, 4) of `witness`, over each cell's points.
+    """
+    still = np.linalg.norm(displacement, axis=-1) < STILL_PX
+    still_points = (sums[..., 0] + sums[..., 2]) * still
+    xx, xy, yy, rough, calm = np.moveaxis(
+        cv2.boxFilter(
+            np.dstack([sums, still_points]), -1, (WINDOW, WINDOW), borderType=cv2.BORDER_REFLECT
+        ),
+        -1,
+        0,
+    )
+    points = xx + yy + EMPTY
+    return np.asarray(
+        (np.hypot(xx - yy, 2 * xy) > LEAST_PARALLEL * points)
+        & (rough < MOST_ROUGH_PX**2 * points)
+        & (calm > LEAST_STILL * points)
+    )
