@@ -239,7 +239,7 @@ def plot(curves: dict[str, dict[str, list[float]]]) -> np.ndarray:
     columns = 60 + (np.log(middles) - np.log(0.08)) / np.log(1.1 / 0.08) * 300
     panels = []
     for family, lines in curves.items():
-        panel = np.full((350, 400, 3), 255, np.uint8)
+        panel = np.full((364, 400, 3), 255, np.uint8)
         for value in (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0):
             row = round(260 - (value - 0.4) / 0.6 * 220)
             cv2.line(panel, (60, row), (360, row), (225, 225, 225), 1)
