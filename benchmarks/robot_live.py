@@ -132,7 +132,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--replay", type=int, default=0, metavar="KEY_FRAMES")
     parser.add_argument("--width", type=int, default=Settings().width_px)
-    parser.add_argument("--neighbours", type=int, default=8)
+    parser.add_argument("--neighbours", type=int, default=Settings().neighbours)
+    parser.add_argument("--lag", type=int, default=Settings().lag)
     parser.add_argument("--plain", action="store_true", help="judge by hand, not by the network")
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
@@ -140,7 +141,7 @@ def main() -> None:
     truth = Trajectory.from_dict(json.loads((SAMPLE / "truth.json").read_text()))
     weights = None if arguments.plain else registered_weights()
     detector = Timed(RegisteredDetector(neighbours=arguments.neighbours, weights=weights))
-    settings = Settings(width_px=arguments.width)
+    settings = Settings(width_px=arguments.width, lag=arguments.lag)
     cpu = time.process_time()
     with Locator(
         truth.camera, settings=settings, detector=detector, threaded=not arguments.replay

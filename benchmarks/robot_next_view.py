@@ -5,7 +5,8 @@
 Exact evidence, spoilt on purpose (see `locate.simulation.evidence`). Every robot begins with the
 same eight views on a short arc. Then one takes, of a grid of places, the one that `suggest` ranks
 first; the others take the same places lane by lane, one with the camera fixed, one turning it to
-the plume. What chance makes is taken as known (`NULL`), to save hours: it does not enter the sigma.
+the plume. As in a `Locator`, all views are searched where enough are new, and the plume is followed
+in between. What chance makes is taken as known (`NULL`), for speed: it does not enter the sigma.
 """
 
 import argparse
@@ -21,12 +22,18 @@ from locate.fusion.fuse import fuse
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
 from locate.plume import Plume
+from locate.robot.drift import SharedError
+from locate.robot.engine import NEW_SHARE
+from locate.robot.follower import Follower
 from locate.robot.next_view import rank
+from locate.robot.poses import NS, StampedPose
+from locate.robot.settings import Settings
 from locate.simulation.evidence import Corruption, Truth, corrupted_views, orbit, random_truth
 from locate.simulation.paths import look_at
 
 GOAL_M = 0.05
 FIRST_VIEWS, MOST_VIEWS = 8, 40
+VIEWS_A_SECOND = 5
 LANES_X, LANES_Y = np.linspace(-8, 8, 9), np.linspace(-9, 3, 5)
 HEIGHT_M = 2.0
 AHEAD, ABOVE = np.array([0.0, 1.0, -0.1]), np.array([0.0, 0.0, 0.8])
@@ -54,7 +61,7 @@ def trajectory(poses: Sequence[FloatArray], first: Trajectory) -> Trajectory:
     return replace(
         first,
         indices=np.arange(len(poses)),
-        times_s=np.arange(len(poses)) / 5.0,
+        times_s=np.arange(len(poses)) / VIEWS_A_SECOND,
         rotations=rotations,
         translations=-np.einsum("nij,nj->ni", rotations, centers),
         covariances=None,
@@ -84,9 +91,50 @@ def _cam_from_world(views: Views, i: int) -> FloatArray:
     return moved
 
 
-def strongest(views: Views) -> Plume | None:
-    plumes = fuse(views, null=NULL).plumes
-    return plumes[0] if plumes else None
+class Known:
+    """What a robot knows of the plume."""
+
+    def __init__(self, first: Views) -> None:
+        self.parts = [first]
+        self.plume: Plume | None = None
+        self._follower: Follower | None = None
+        self._searched = 0
+
+    @property
+    def views(self) -> Views:
+        return joined(self.parts)
+
+    def add(self, view: Views) -> None:
+        number = sum(map(len, self.parts))
+        self.parts.append(view)
+        if self._follower is not None:
+            self.plume = self._follower.add(number, poses_of(view, number)[0], view) or self.plume
+
+    def search(self) -> None:
+        """Looks through all views if enough are new."""
+        views = self.views
+        if len(views) - self._searched < max(Settings().views_a_decision, NEW_SHARE * len(views)):
+            return
+        self._searched = len(views)
+        self.plume, self._follower = next(iter(fuse(views, null=NULL).plumes), None), None
+        if self.plume is not None:
+            nothing_shared = SharedError(pose=None)
+            self._follower = Follower(
+                self.plume, views, poses_of(views), nothing_shared, most=MOST_VIEWS
+            )
+
+
+def poses_of(views: Views, first: int = 0) -> list[StampedPose]:
+    covariances = views.trajectory.covariances
+    assert covariances is not None
+    return [
+        StampedPose(
+            stamp_ns=(first + i) * NS // VIEWS_A_SECOND,
+            world_from_cam=np.asarray(np.linalg.inv(_cam_from_world(views, i)), dtype=float),
+            covariance=covariances[i],
+        )
+        for i in range(len(views))
+    ]
 
 
 class Turning:
@@ -133,39 +181,32 @@ def views_needed(policy: Turning, seed: int) -> tuple[int, float]:
     truth = random_truth(rng)
     corruption = Corruption()
     first = corrupted_views(truth, orbit(FIRST_VIEWS, 15), rng, corruption)
-    parts = [first]
+    known = Known(first)
     target = np.array([0.0, 0.0, 1.0])
     for count in range(FIRST_VIEWS, MOST_VIEWS):
-        views = joined(parts)
-        plume = strongest(views)
-        if plume is not None:
-            target = plume.source + ABOVE
-            if plume.principal_sigmas[0] < GOAL_M:
-                error = plume.source - truth.source
-                return count, float(
-                    np.sqrt(error @ np.linalg.solve(plume.source_covariance, error))
-                )
-        pose = policy.next(views, target, plume)
+        known.search()
+        if known.plume is not None:
+            target = known.plume.source + ABOVE
+            if known.plume.principal_sigmas[0] < GOAL_M:
+                return count, error_in_sigmas(known.plume, truth)
+        pose = policy.next(known.views, target, known.plume)
         where = trajectory([pose], first.trajectory)
         with np.errstate(invalid="ignore"):  # a plume behind the camera has no pixels
-            parts.append(corrupted_views(truth, where, rng, corruption))
+            known.add(corrupted_views(truth, where, rng, corruption))
     return MOST_VIEWS, np.nan
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     needed: dict[str, list[int]] = {name: [] for name in POLICIES}
-    for seed in range(arguments.scenes):
+    for seed in range(arguments.first, arguments.first + arguments.scenes):
         line = [f"{seed:2d}"]
-        for name, policy in (
-            ("suggested", Suggested()),
-            ("turning", Turning()),
-            ("fixed", Fixed()),
-        ):
-            count, error = views_needed(policy, seed)
+        for name, policy in POLICIES.items():
+            count, error = views_needed(policy(), seed)
             needed[name].append(count)
             line.append(f"{name} {count} views, error {error:.1f} sigma")
         print(" | ".join(line), flush=True)

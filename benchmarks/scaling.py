@@ -2,6 +2,7 @@
 
 ``python -m benchmarks.scaling CAMPAIGN OUT one|two|killed [FLIGHTS]`` does the first FLIGHTS videos
 of a folder of ``locate simulate`` so; ``python -m benchmarks.scaling OUT`` prints what was done.
+Wall times say something on a machine that does nothing else.
 """
 
 import json
@@ -103,6 +104,7 @@ def read(notes: Path) -> list[dict[str, Any]]:
 def show(out: Path) -> None:
     """Prints what stands in OUT."""
     maps: dict[str, list[Any]] = defaultdict(list)
+    rates: dict[str, float] = {}
     for mode in WORKERS:
         folder = out / mode
         if not (folder / "about.json").exists():
@@ -123,10 +125,13 @@ def show(out: Path) -> None:
             f"{len(notes) - len(done)} done {len(done)}, largest process {peak / MIB:.0f} MiB, "
             f"{size / len(runs) / MIB:.1f} MiB a run folder"
         )
+        rates[mode] = len(runs) / about["wall_s"]
         for run in runs:
             maps[run.name].append(PlumeMap.load(run / "map.json").to_dict())
         if mode == "one":
             stages(runs)
+    if {"one", "two"} <= rates.keys():
+        print(f"two workers do {rates['two'] / rates['one']:.2f} times the flights of one")
     same = [all(one == each[0] for one in each) for each in maps.values()]
     print(f"same map however it was made: {sum(same)} of {len(same)} flights")
 

@@ -19,7 +19,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 
 assert find_spec("torch") is None, "the runtime must not need torch"
-for name in ("report/page.html", "report/style.css", "report/scene.js"):
+for name in ("page/page.html", "page/style.css", "report/body.html", "report/scene.js"):
     assert (files("locate") / "data" / name).is_file(), f"the wheel lacks {name}"
 PYTHON
 sample=$(python -c 'from locate.sample import SAMPLE_VIDEO; print(SAMPLE_VIDEO)')

@@ -1,7 +1,7 @@
 """`locate robot`: plumes found live on a robot."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -9,9 +9,19 @@ from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
 from locate.journal import progress_bars
 
+if TYPE_CHECKING:
+    from locate.robot.settings import Settings
+
 WorldFrame = Annotated[str, typer.Option(help="Frame of the map, Z up.")]
 BodyFrame = Annotated[
     str, typer.Option(help="Frame that the pose is of; else the odometry's child frame.")
+]
+WidthPx = Annotated[
+    int | None, typer.Option(help="Wider images are shrunk to this width; else to 640.")
+]
+Neighbours = Annotated[
+    int | None,
+    typer.Option(help="Key frames that each is compared with; else 8, fewer are faster."),
 ]
 Rectified = Annotated[bool, typer.Option("--rectified", help="The images are rectified already.")]
 
@@ -49,18 +59,26 @@ def bag(
     world_frame: WorldFrame = "map",
     body_frame: BodyFrame = "",
     rectified: Rectified = False,
+    width_px: WidthPx = None,
+    neighbours: Neighbours = None,
 ) -> None:
     """Play a robot's recording into the locator: map.json, and plumes/plumes.mcap for a viewer."""
     from locate.export.table import map_table
     from locate.robot.bags import Topics, locate_in_bag
     from locate.robot.wiring import Wiring
 
+    settings = _settings(width_px=width_px, neighbours=neighbours)
     with progress_bars(err) as report:
         plume_map = locate_in_bag(
             recording,
             output,
             topics=Topics(image=image_topic, camera_info=info_topic, pose=pose_topic),
-            wiring=Wiring(world_frame=world_frame, body_frame=body_frame, rectified=rectified),
+            wiring=Wiring(
+                world_frame=world_frame,
+                body_frame=body_frame,
+                rectified=rectified,
+                settings=settings,
+            ),
             report=report,
         )
     out.print(map_table(plume_map))
@@ -84,9 +102,14 @@ def dds(
     body_frame: BodyFrame = "",
     rectified: Rectified = False,
     domain: Annotated[int, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the robot.")] = 0,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder that the command save writes into; else ~/locate.")
+    ] = None,
+    width_px: WidthPx = None,
+    neighbours: Neighbours = None,
 ) -> None:
     """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""
-    from locate.robot.dds import DdsNode, TopicNames
+    from locate.robot.dds import OUTPUT, DdsNode, TopicNames
     from locate.robot.wire import Wire
     from locate.robot.wiring import PoseSource, Wiring
 
@@ -94,10 +117,14 @@ def dds(
         raise BadInputError("--pose says what the pose topic is; give --pose-topic with it")
     source: PoseSource = "tf" if pose_topic is None else "pose" if pose else "odometry"
     wiring = Wiring(
-        world_frame=world_frame, body_frame=body_frame, pose_source=source, rectified=rectified
+        world_frame=world_frame,
+        body_frame=body_frame,
+        pose_source=source,
+        rectified=rectified,
+        settings=_settings(width_px=width_px, neighbours=neighbours),
     )
     names = TopicNames(image=image_topic, camera_info=info_topic, pose=pose_topic or "")
-    node = DdsNode(Wire(domain), wiring, names)
+    node = DdsNode(Wire(domain), wiring, names, output=output or OUTPUT)
     try:
         while True:
             node.spin_once()
@@ -105,3 +132,14 @@ def dds(
         pass
     finally:
         node.close()
+
+
+def _settings(*, width_px: int | None, neighbours: int | None) -> "Settings":
+    """The locator's settings, with what was asked for."""
+    from locate.robot.settings import Settings
+
+    usual = Settings()
+    return Settings(
+        width_px=usual.width_px if width_px is None else width_px,
+        neighbours=usual.neighbours if neighbours is None else neighbours,
+    )

@@ -11,6 +11,7 @@ TYPES = {
     MARKERS: "visualization_msgs/msg/MarkerArray",
     POINTS: "sensor_msgs/msg/PointCloud2",
 }
+HEALTH_TOPIC, HEALTH_TYPE = "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
 LEAK_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 Send = Callable[[str, Any, int], object]

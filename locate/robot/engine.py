@@ -29,7 +29,8 @@ FEWEST_VIEWS = 4
 FEWEST_LOOKS = 3
 SHARE_IN_SIGHT = 0.6
 SPINE_POINTS = 9
-NULL_GROWTH = 1.35
+NULL_GROWTH = 2.0
+NOTHING_BY_CHANCE = NullLevel(strongest=np.zeros(0), location=0.0, scale=1.0)
 BACKGROUND_STEP = 16
 NEW_SHARE = 0.3
 
@@ -118,23 +119,17 @@ class Engine:
         if np.isnan(views.unit):
             return []
         self.background_in_world = views.background_in_world(step=BACKGROUND_STEP)
-        fused = fuse(
-            views,
-            seed=self._settings.seed,
-            null=self._null_level(views),
-            most_false_alarm=CANDIDATE_FALSE_ALARM,
-            least_nats=clutter_nats(self._detector.name) * len(views),
-        )
+        plumes = self._searched(views)
         span = Span(
             first=numbers[0], last=numbers[-1], stamp_ns=max(pose.stamp_ns for pose in poses)
         )
         followers = [
             Follower(plume, views, poses, shared, most=self._settings.views_kept)
-            for plume in fused.plumes
+            for plume in plumes
         ]
         with self._adding:
             news = self.tracks.update(
-                [_with_shared(plume, shared) for plume in fused.plumes],
+                [_with_shared(plume, shared) for plume in plumes],
                 span,
                 unit=views.unit,
                 looked_at=lambda plume: looks(views, as_column(plume)) >= FEWEST_LOOKS,
@@ -142,6 +137,36 @@ class Engine:
             self._followers = followers
             later = [number for number in self._evidence.numbers if number > span.last]
             return news + [update for number in later for update in self._follow(number)]
+
+    def _searched(self, views: Views) -> tuple[Plume, ...]:
+        """The plumes of the window, strongest first.
+
+        Where the detector's own clutter sets the level, what chance makes is drawn only once
+        something stands above that.
+        """
+        clutter = clutter_nats(self._detector.name) * len(views)
+
+        def search(null: NullLevel) -> tuple[Plume, ...]:
+            return fuse(
+                views,
+                seed=self._settings.seed,
+                null=null,
+                most_false_alarm=CANDIDATE_FALSE_ALARM,
+                least_nats=clutter,
+            ).plumes
+
+        if not clutter:
+            return search(self._null_level(views))
+        found = search(NOTHING_BY_CHANCE)
+        if not found:
+            return ()
+        null = self._null_level(views)
+        level = null.threshold(CANDIDATE_FALSE_ALARM)
+        return tuple(
+            replace(plume, probability=1 - null.false_alarm(plume.evidence_nats))
+            for plume in found
+            if plume.evidence_nats >= level
+        )
 
     def _follow(self, number: int) -> list[Update]:
         """What a key frame adds to what is known of the plumes that the last decision found."""

@@ -10,10 +10,11 @@ from typing import Self
 import numpy as np
 
 from detect.detection import Detector
+from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from locate import __version__
-from locate.detectors import make_detector
+from locate.detectors import registered_weights
 from locate.plume import PlumeMap
 from locate.robot.engine import Engine
 from locate.robot.intake import Counts, Intake
@@ -38,7 +39,7 @@ class Locator:
     Args:
         camera: That takes the images.
         settings: How much is kept, and how often is decided.
-        detector: None takes ``registered``, see `locate.detectors`.
+        detector: None takes ``registered``, see `locate.detectors`, with the settings' neighbours.
         threaded: False looks at frames inside `feed`, and drops none: for recordings.
     """
 
@@ -51,7 +52,9 @@ class Locator:
         threaded: bool = True,
     ) -> None:
         self.settings = settings or Settings()
-        self._detector = detector or make_detector("registered")
+        self._detector = detector or RegisteredDetector(
+            neighbours=self.settings.neighbours, weights=registered_weights()
+        )
         self._outbox: deque[Update] = deque(maxlen=MOST_NEWS)
         self._changed = threading.Condition()
         self._looking = self._deciding = self._ending = self._closing = False

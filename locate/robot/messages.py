@@ -1,6 +1,7 @@
 """Plumes as ROS messages, built with whichever classes a transport has."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ UNKNOWN_VARIANCE = 1e6
 AROUND, UPWARDS = 24, 16
 SPHERE, ARROW, TEXT = 2, 0, 9
 ADD, DELETE_ALL = 0, 3
+OK, WARN = 0, 1
 FLOAT32, UINT32 = 7, 6
 POINT_FIELDS = (("x", FLOAT32), ("y", FLOAT32), ("z", FLOAT32), ("probability", FLOAT32))
 COLOURS = {
@@ -29,6 +31,19 @@ COLOURS = {
 Point = tuple[float, float, float]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """How a node is doing.
+
+    Attributes:
+        trouble: What a person should look into; empty where there is nothing.
+        values: What became of everything that came in, by name.
+    """
+
+    trouble: str
+    values: dict[str, int]
+
+
 class Messages:
     """Builds messages of one transport.
 
@@ -37,6 +52,7 @@ class Messages:
             takes all its fields by name.
         frame_id: Of the world.
         octets: Turns (N,) uint8 into what the classes take for a field of bytes.
+        octet: Turns a number into what they take for a single byte.
     """
 
     def __init__(
@@ -45,10 +61,12 @@ class Messages:
         frame_id: str,
         *,
         octets: Callable[[NDArray[np.uint8]], Any],
+        octet: Callable[[int], Any] = int,
     ) -> None:
         self._class_of = class_of
         self._frame_id = frame_id
         self._octets = octets
+        self._octet = octet
 
     def header(self, stamp_ns: int) -> Any:
         """`std_msgs/Header` in the world frame."""
@@ -68,6 +86,19 @@ class Messages:
         return self._class_of("geometry_msgs/msg/PoseWithCovarianceStamped")(
             header=self.header(update.stamp_ns), pose=pose
         )
+
+    def health(self, name: str, health: Health, stamp_ns: int) -> Any:
+        """`DiagnosticArray` of one node's health."""
+        pair = self._class_of("diagnostic_msgs/msg/KeyValue")
+        status = self._class_of("diagnostic_msgs/msg/DiagnosticStatus")(
+            level=self._octet(WARN if health.trouble else OK),
+            name=name,
+            message=health.trouble or "looking",
+            hardware_id="",
+            values=[pair(key=key, value=str(count)) for key, count in health.values.items()],
+        )
+        array = self._class_of("diagnostic_msgs/msg/DiagnosticArray")
+        return array(header=self.header(stamp_ns), status=[status])
 
     def markers(self, updates: Iterable[Update], stamp_ns: int) -> Any:
         """`MarkerArray` of all plumes: the source's 2-sigma ellipsoid, the axis, and a label.

@@ -1,19 +1,25 @@
 """The ROS 2 node: images, camera and poses in; markers, points, sources and diagnostics out."""
 
 import importlib
-from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from detect.detection import Detector
 from geometry.errors import BadInputError
-from locate.robot.announcer import MARKERS, POINTS, Announcer, type_of
+from locate.robot.announcer import (
+    HEALTH_TOPIC,
+    HEALTH_TYPE,
+    MARKERS,
+    POINTS,
+    Announcer,
+    type_of,
+)
+from locate.robot.control import COMMANDS, Control
 from locate.robot.feeder import Feeder
 from locate.robot.messages import Messages
 from locate.robot.parameters import PARAMETERS
 from locate.robot.settings import Settings
-from locate.robot.tracks import State
 from locate.robot.wiring import Wiring
 
 NODE_NAME = "locate"
@@ -23,7 +29,6 @@ POSE_TOPICS = {
     "odometry": ("odometry", "nav_msgs/msg/Odometry"),
     "pose": ("pose", "geometry_msgs/msg/PoseWithCovarianceStamped"),
 }
-OK, WARN = b"\x00", b"\x01"
 
 
 def ros_class(type_name: str) -> Any:
@@ -45,10 +50,16 @@ class LocateNode:
         self._declare()
         self._wiring = self._wired()
         self.feeder = Feeder(self._wiring, detector=detector, on_refusal=self._warn)
-        messages = Messages(ros_class, self._wiring.world_frame, octets=bytes)
-        self.announcer = Announcer(messages, self._send)
-        self._running = bool(self._parameter("autostart"))
-        self._ignored = 0
+        self._messages = Messages(
+            ros_class, self._wiring.world_frame, octets=bytes, octet=lambda value: bytes([value])
+        )
+        self.announcer = Announcer(self._messages, self._send)
+        self.control = Control(
+            self.feeder,
+            self.announcer,
+            output=Path(str(self._parameter("output"))),
+            running=bool(self._parameter("autostart")),
+        )
         self._publishers: dict[str, Any] = {}
         self._subscribe()
         self._advertise()
@@ -86,34 +97,26 @@ class LocateNode:
         compressed = self._parameter("image_transport") == "compressed"
         image = ros_class(f"sensor_msgs/msg/{'CompressedImage' if compressed else 'Image'}")
         name = "image/compressed" if compressed else "image"
-        listen(image, name, self._while_running(self.feeder.image), sensor)
+        listen(image, name, self.control.while_running(self.feeder.image), sensor)
         listen(ros_class("sensor_msgs/msg/CameraInfo"), "camera_info", self.feeder.info, sensor)
         tf = ros_class("tf2_msgs/msg/TFMessage")
         listen(tf, "/tf", self.feeder.transforms, qos.QoSProfile(depth=100))
         listen(tf, "/tf_static", self.feeder.static_transforms, _latched(qos, depth=100))
         if self._wiring.pose_source != "tf":
             name, kind = POSE_TOPICS[self._wiring.pose_source]
-            listen(ros_class(kind), name, self._while_running(self.feeder.body_pose), sensor)
-
-    def _while_running(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        def taken(message: Any) -> None:
-            if self._running:
-                take(message)
-            else:
-                self._ignored += 1
-
-        return taken
+            listen(ros_class(kind), name, self.control.while_running(self.feeder.body_pose), sensor)
 
     def _advertise(self) -> None:
         qos = importlib.import_module("rclpy.qos")
         self._latched = _latched(qos, depth=1)
         for name in (MARKERS, POINTS):
             self._publisher(name)
-        diagnostics = ros_class("diagnostic_msgs/msg/DiagnosticArray")
-        self._diagnostics = self.node.create_publisher(diagnostics, "/diagnostics", 10)
+        self._diagnostics = self.node.create_publisher(ros_class(HEALTH_TYPE), HEALTH_TOPIC, 10)
         trigger = ros_class("std_srvs/srv/Trigger")
-        for name in ("start", "stop", "save", "reset"):
-            self.node.create_service(trigger, f"~/{name}", getattr(self, f"_{name}"))
+        for name in COMMANDS:
+            self.node.create_service(
+                trigger, f"~/{name}", lambda _ask, response, name=name: self._serve(name, response)
+            )
 
     def _publish_news(self) -> None:
         if self.feeder.locator is not None:
@@ -130,49 +133,14 @@ class LocateNode:
         return self._publishers[name]
 
     def _diagnose(self) -> None:
-        pair = ros_class("diagnostic_msgs/msg/KeyValue")
-        locator = self.feeder.locator
-        counts = {} if locator is None else asdict(locator.counts)
-        counts |= {f"refused_{name}": count for name, count in self.feeder.refused.items()}
-        counts["ignored_while_stopped"] = self._ignored
-        counts["plumes"] = sum(u.state == State.CONFIRMED for u in self.announcer.known.values())
-        trouble = self.feeder.trouble() if self._running else "stopped"
-        status = ros_class("diagnostic_msgs/msg/DiagnosticStatus")(
-            level=WARN if trouble else OK,
-            name=f"{self.node.get_name()}: plumes",
-            message=trouble or "looking",
-            hardware_id="",
-            values=[pair(key=name, value=str(count)) for name, count in counts.items()],
-        )
-        array = ros_class("diagnostic_msgs/msg/DiagnosticArray")()
-        array.header.stamp = self.node.get_clock().now().to_msg()
-        array.status = [status]
-        self._diagnostics.publish(array)
+        name, now_ns = f"{self.node.get_name()}: plumes", self.node.get_clock().now().nanoseconds
+        self._diagnostics.publish(self._messages.health(name, self.control.health(), now_ns))
 
-    def _start(self, _request: Any, response: Any) -> Any:
-        self._running = True
-        return _answer(response, "looking")
-
-    def _stop(self, _request: Any, response: Any) -> Any:
-        self._running = False
-        return _answer(response, "stopped")
-
-    def _reset(self, _request: Any, response: Any) -> Any:
-        self.feeder.reset()
-        self.announcer.forget(self.node.get_clock().now().nanoseconds)
-        return _answer(response, "forgotten")
-
-    def _save(self, _request: Any, response: Any) -> Any:
-        path = Path(str(self._parameter("output"))).expanduser() / "map.json"
-        locator = self.feeder.locator
-        if locator is None:
-            return _answer(response, "nothing to save: no camera_info yet", success=False)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            locator.plume_map().save(path)
-        except OSError as error:
-            return _answer(response, f"{path}: {error.strerror}", success=False)
-        return _answer(response, str(path))
+    def _serve(self, name: str, response: Any) -> Any:
+        """Answers a service that bears the name of a command."""
+        answer = self.control.command(name, self.node.get_clock().now().nanoseconds)
+        response.success, response.message = answer.success, answer.message
+        return response
 
 
 def _latched(qos: Any, *, depth: int) -> Any:
@@ -181,11 +149,6 @@ def _latched(qos: Any, *, depth: int) -> Any:
         reliability=qos.ReliabilityPolicy.RELIABLE,
         durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
     )
-
-
-def _answer(response: Any, message: str, *, success: bool = True) -> Any:
-    response.success, response.message = success, message
-    return response
 
 
 def main(arguments: list[str] | None = None) -> None:

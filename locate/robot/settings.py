@@ -17,6 +17,7 @@ class Settings:
     """
 
     width_px: Annotated[int, "Wider images are shrunk to this width."] = 640
+    neighbours: Annotated[int, "Key frames that each is compared with; fewer are faster."] = 8
     spacing: Annotated[float, "Parallax between key frames, as a share of the image width."] = 0.02
     expected_range_m: Annotated[
         float, "Typical distance to the background, until it has been measured."
@@ -45,5 +46,7 @@ class Settings:
                 raise BadInputError(f"{name} is {value}: it must be positive")
         if not 0 <= self.lag < self.frames_kept:
             raise BadInputError(f"lag is {self.lag}: it must be below frames_kept")
+        if self.neighbours < 2:
+            raise BadInputError(f"neighbours is {self.neighbours}: at least 2 show parallax")
         if self.null_draws < 2:
             raise BadInputError(f"null_draws is {self.null_draws}: at least 2 say how they scatter")

@@ -99,11 +99,20 @@ class Wire:
         self._waiting.attach(ReadCondition(reader, unread))
         self._readers.append((reader, type_name, take))
 
-    def advertise(self, topic: str, type_name: str) -> Callable[[Any], None]:
-        """A function that sends messages of a latched topic."""
+    def advertise(
+        self, topic: str, type_name: str, *, latched: bool = True
+    ) -> Callable[[Any], None]:
+        """A function that sends messages of a reliable topic, which those who come late hear too.
+
+        Args:
+            topic: As of `listen`.
+            type_name: Likewise.
+            latched: False where only those who listen at the time shall hear.
+        """
         from cyclonedds.pub import DataWriter
 
-        qos = _quality(reliable=True, latched=True, depth=LATCHED_DEPTH)
+        depth = LATCHED_DEPTH if latched else DEPTH
+        qos = _quality(reliable=True, latched=latched, depth=depth)
         writer: DataWriter[Any] = DataWriter(
             self._participant, self._topic(topic, type_name), qos=qos
         )

@@ -7,9 +7,10 @@ import numpy as np
 from geometry.arrays import FloatArray, IntArray
 from geometry.georeference import HeightDatum
 from locate.survey.associate import Fused
+from locate.survey.findings import Hotspot, Sighting, matrix, vector
 from locate.survey.frame import Seen
 from locate.survey.looks import Looks
-from locate.survey.model import Flight, Hotspot, Sighting, Survey, matrix, vector
+from locate.survey.model import Flight, Survey
 from locate.survey.occurrence import hotspot_counts
 
 SOLAR_TIME = "Hours are mean solar time, from UTC and the longitude, within a quarter of an hour."

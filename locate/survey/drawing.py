@@ -12,7 +12,8 @@ from geometry.arrays import FloatArray
 from locate.export.located import ELLIPSE_SIGMAS
 from locate.pictures import heat
 from locate.survey.cells import Cells
-from locate.survey.model import Hotspot, Survey
+from locate.survey.findings import Hotspot
+from locate.survey.model import Survey
 
 FAINTEST = 0.12
 LEAN_RISE_M = 10.0

@@ -14,6 +14,7 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference
 from locate.evaluate.plumes import pairs
 from locate.simulation.campaign import SCHEMA, Campaign
+from locate.survey.frame import offset_of
 from locate.survey.model import Survey
 
 GATE_M = 5.0
@@ -86,6 +87,7 @@ class SurveyScore:
         errors_m: Horizontal error of each hotspot that was found.
         nees: Of each in the horizontal; 2 is expected.
         single_errors_m: Horizontal error of each sighting to the foot it saw, the flight alone.
+        single_nees: Of each in the horizontal, by what its flight says; 2 is expected.
         single_found: Share of `sites` that one flight finds, the mean of all.
         false_sightings: Sightings of no column.
         standing: Pairs of flight and standing column.
@@ -102,6 +104,7 @@ class SurveyScore:
     errors_m: tuple[float, ...]
     nees: tuple[float, ...]
     single_errors_m: tuple[float, ...]
+    single_nees: tuple[float, ...]
     single_found: float
     false_sightings: int
     standing: int
@@ -142,11 +145,11 @@ def score_survey(survey: Survey, folder: Path) -> SurveyScore:
         found=len(paired),
         false=len(spots) - len(paired),
         errors_m=tuple(float(np.linalg.norm(error)) for error in errors),
-        nees=tuple(
-            float(error @ np.linalg.solve(covariance, error))
-            for error, covariance in zip(errors, covariances, strict=True)
+        nees=tuple(_nees(*pair) for pair in zip(errors, covariances, strict=True)),
+        single_errors_m=tuple(
+            float(np.linalg.norm(error)) for right, _ in single for error, _ in right
         ),
-        single_errors_m=tuple(error for right, _ in single for error in right),
+        single_nees=tuple(_nees(*one) for right, _ in single for one in right),
         single_found=float(np.mean([len(right) for right, _ in single])) / max(len(stood), 1),
         false_sightings=sum(wrong for _, wrong in single),
         standing=int(truth.standing[used].sum()),
@@ -166,14 +169,28 @@ def _pairs(sites: FloatArray, spots: FloatArray) -> list[tuple[int, int]]:
     return pairs(apart, np.array(GATE_M))
 
 
-def _sightings(survey: Survey, name: str, feet: FloatArray) -> tuple[list[float], int]:
-    """Horizontal errors of a flight's own sightings, and how many are of nothing."""
-    said = [one.position for one in survey.sightings if one.flight == name]
-    positions = np.reshape(said, (-1, 3))
+def _nees(error: FloatArray, covariance: FloatArray) -> float:
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def _sightings(
+    survey: Survey, name: str, feet: FloatArray
+) -> tuple[list[tuple[FloatArray, FloatArray]], int]:
+    """(2,) error and (2, 2) covariance of a flight's own sightings, and how many are of nothing."""
+    flight = next(flight for flight in survey.mapped if flight.name == name)
+    moved = offset_of(flight, survey.frame).survey_from_flight
+    plumes = flight.answer.plumes
+    positions = moved(np.reshape([plume.source for plume in plumes], (-1, 3)))
     standing = feet[np.isfinite(feet).all(axis=1)]
     paired = _pairs(standing, positions)
-    errors = [float(np.linalg.norm((positions[k] - standing[i])[:2])) for i, k in paired]
-    return errors, len(said) - len(paired)
+    right = [
+        (
+            (positions[k] - standing[i])[:2],
+            moved.covariance(plumes[k].source_covariance)[:2, :2],
+        )
+        for i, k in paired
+    ]
+    return right, len(plumes) - len(paired)
 
 
 def _looks(
@@ -220,5 +237,7 @@ def _rows(score: SurveyScore) -> Iterator[tuple[str, str, str]]:
             f"{np.median(score.single_errors_m):.2f}",
             "m",
         )
+        yield "NEES of it, median, 1.39 expected", f"{np.median(score.single_nees):.2f}", ""
     yield "looks while a column stood, seen", f"{score.seen} of {score.looks}", ""
-    yield "columns that stood, all flights", f"{score.standing}", ""
+    sighted = len(score.single_errors_m)
+    yield "columns that stood, seen by their flight", f"{sighted} of {score.standing}", ""

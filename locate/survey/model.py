@@ -4,28 +4,20 @@ import json
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
-from geometry.arrays import FloatArray
 from geometry.atomic import replacing
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
 from locate import __version__
 from locate.config import DetectorName, RunConfig
 from locate.plume import PlumeMap
+from locate.survey.findings import Block, Hotspot, Sighting, Wind
 
 SCHEMA = "locate.survey/1"
 
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Matrix = tuple[Vector, Vector, Vector]
 
-
-class _Block(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Settings(_Block):
+class Settings(Block):
     """What a survey was told; the first five go to every run.
 
     Attributes:
@@ -61,7 +53,7 @@ class Settings(_Block):
         return RunConfig(recording=recording, **shared)
 
 
-class Moment(_Block):
+class Moment(Block):
     """When a flight was.
 
     Attributes:
@@ -78,7 +70,7 @@ class Moment(_Block):
     basis: Literal["UTC", "recorder"]
 
 
-class Flight(_Block):
+class Flight(Block):
     """One flight of a survey.
 
     Attributes:
@@ -116,7 +108,7 @@ class Flight(_Block):
         return Georeference.from_dict(self.answer.georeference or {})
 
 
-class Column(_Block):
+class Column(Block):
     """What a look must have been able to find.
 
     Attributes:
@@ -130,90 +122,7 @@ class Column(_Block):
     displacement_px: float = Field(default=1.0, gt=0)
 
 
-class Count(_Block):
-    """How often something was seen in one season and part of the day.
-
-    Attributes:
-        bin: Label of the season and the hours; ``"all"`` for everything.
-        looked: Number of flights that would have seen it.
-        seen: Number of those that did.
-        probability: That it is there, posterior mean.
-        low: 5 % quantile of that.
-        high: 95 % quantile.
-    """
-
-    bin: str
-    looked: float
-    seen: float
-    probability: float = Field(ge=0, le=1)
-    low: float = Field(ge=0, le=1)
-    high: float = Field(ge=0, le=1)
-
-
-class Sighting(_Block):
-    """A plume of one flight, in the frame of the survey.
-
-    Attributes:
-        flight: Name of the flight.
-        plume: Its number in that flight's map.
-        hotspot: The hotspot it belongs to.
-        position: As the flight says.
-        corrected: With the flight's estimated offset taken out.
-        covariance: Of `corrected`.
-        weight: From 0, an outlier, to 1: what it counts in its hotspot.
-    """
-
-    flight: str
-    plume: int
-    hotspot: int
-    position: Vector
-    corrected: Vector
-    covariance: Matrix
-    weight: float = Field(ge=0, le=1)
-
-
-class Hotspot(_Block):
-    """A place that sends up columns of air.
-
-    Attributes:
-        id: From 1, most often seen first.
-        position: East, north, up (m) in the frame of the survey: the foot of its column in the
-            mean lean of all flights.
-        covariance: Of `position`.
-        axis: Unit vector of the mean rise.
-        displacement_px: Mean of its sightings.
-        probability: That at least one of its sightings is no false alarm.
-        looked_by: Names of the flights that looked at it, those that saw it included.
-        occurrence: How often it was there: all flights first, then by season and hours.
-    """
-
-    id: int
-    position: Vector
-    covariance: Matrix
-    axis: Vector
-    displacement_px: FiniteFloat
-    probability: float = Field(ge=0, le=1)
-    looked_by: tuple[str, ...]
-    occurrence: tuple[Count, ...]
-
-
-class Wind(_Block):
-    """How far columns lean, from the axes of one flight's plumes.
-
-    Attributes:
-        flight: Name of the flight.
-        lean: Metres to the east and the north per metre of rise.
-        sigma: Standard deviation of either.
-        from_deg: Where the wind comes from, clockwise from north.
-    """
-
-    flight: str
-    lean: tuple[FiniteFloat, FiniteFloat]
-    sigma: FiniteFloat
-    from_deg: FiniteFloat
-
-
-class Survey(_Block):
+class Survey(Block):
     """Many flights, one map.
 
     Attributes:
@@ -289,15 +198,3 @@ class Survey(_Block):
         except ValidationError as error:
             where, what = first_complaint(error)
             raise BadInputError(f"{path}: {where}: {what}") from error
-
-
-def vector(values: FloatArray) -> Vector:
-    """Three plain numbers."""
-    x, y, z = np.asarray(values, dtype=float).tolist()
-    return x, y, z
-
-
-def matrix(values: FloatArray) -> Matrix:
-    """Three by three plain numbers."""
-    first, second, third = values
-    return vector(first), vector(second), vector(third)

@@ -7,7 +7,7 @@ from scipy.special import betaln, logsumexp
 from scipy.stats import beta
 
 from geometry.arrays import FloatArray
-from locate.survey.model import Count
+from locate.survey.findings import Count
 
 ALL = "all"
 PRIOR_LOOKS = 1.0

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 
+from locate.export.html import definitions, items, resource, table, write_page
 from locate.export.table import probability
 from locate.survey.cells import Cells
 from locate.survey.drawing import drawing, layers_of
-from locate.survey.model import Flight, Hotspot, Survey
+from locate.survey.findings import Hotspot
+from locate.survey.model import Flight, Survey
 from locate.survey.places import LocatedHotspot, located_hotspots
 
 FLIGHT_HEADS = ("Flight", "When", "Plumes", "Lean", "")
@@ -19,33 +19,28 @@ SPOT_HEADS = (
 )  # fmt: skip
 
 
-def write_page(path: Path, survey: Survey, cells: Cells | None) -> None:
+def write_map_page(path: Path, survey: Survey, cells: Cells | None) -> None:
     """Writes map.html."""
     layers = layers_of(cells)
-    page = Template(_resource("survey/page.html")).substitute(
-        style=_resource("report/style.css") + _resource("survey/style.css"),
-        script=_resource("survey/map.js"),
-        headline=escape(_headline(survey)),
-        lead=escape(_lead(survey, cells)),
-        facts="".join(
-            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
-            for name, value in _facts(survey, cells)
-        ),
-        choices=_choices([layer.label for layer in layers]),
-        map=drawing(survey, layers),
-        hotspots=_table(SPOT_HEADS, [_spot_row(place) for place in located_hotspots(survey)]),
-        flights=_table(FLIGHT_HEADS, [_flight_row(survey, flight) for flight in survey.flights]),
-        limits="".join(f"<li>{escape(sentence)}</li>" for sentence in _limits(survey)),
-        settings="".join(
-            f'<tr><th scope="row">{escape(name)}</th><td>{escape(str(value))}</td></tr>'
-            for name, value in _settings(survey)
-        ),
+    spots = [_spot_row(place) for place in located_hotspots(survey)]
+    fragments = {
+        "choices": _choices([layer.label for layer in layers]),
+        "map": drawing(survey, layers),
+        "hotspots": table(SPOT_HEADS, spots) if spots else "<p>None.</p>",
+        "flights": table(FLIGHT_HEADS, [_flight_row(survey, flight) for flight in survey.flights]),
+        "limits": items(_limits(survey)),
+        "settings": definitions(_settings(survey)),
+    }
+    write_page(
+        path,
+        "survey",
+        kind="Updraft map",
+        headline=_headline(survey),
+        lead=_lead(survey, cells),
+        facts=_facts(survey, cells),
+        fragments=fragments,
+        scripts=f"<script>{resource('survey/map.js')}</script>",
     )
-    path.write_text(page, encoding="utf-8")
-
-
-def _resource(name: str) -> str:
-    return (files("locate") / "data" / name).read_text(encoding="utf-8")
 
 
 def _headline(survey: Survey) -> str:
@@ -85,19 +80,6 @@ def _choices(labels: Sequence[str]) -> str:
         for i, label in enumerate(labels)
     )
     return f'<fieldset class="choices">{"".join(choices)}</fieldset>' if labels else ""
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    if not rows:
-        return "<p>None.</p>"
-    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row) + "</tr>" for row in rows
-    )
-    return (
-        f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
 
 
 def _spot_row(place: LocatedHotspot) -> list[str]:

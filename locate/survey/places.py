@@ -7,7 +7,8 @@ import numpy as np
 
 from locate.export.located import LocatedPlume, located
 from locate.plume import Plume, PlumeMap
-from locate.survey.model import Hotspot, Survey
+from locate.survey.findings import Hotspot
+from locate.survey.model import Survey
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from locate.export.waypoints import write_cup_places, write_gpx_places
 from locate.survey.cells import Cells
 from locate.survey.layers import write_layers
 from locate.survey.model import Survey
-from locate.survey.page import write_page
+from locate.survey.page import write_map_page
 from locate.survey.places import located_hotspots
 from locate.survey.raster import write_raster
 
@@ -37,7 +37,7 @@ def publish(output: Path, survey: Survey, cells: Cells | None) -> None:
     if cells is not None:
         _raster(output / RASTER, survey, cells)
     with replacing(output / "map.html") as path:
-        write_page(path, survey, cells)
+        write_map_page(path, survey, cells)
 
 
 def _raster(path: Path, survey: Survey, cells: Cells) -> None:

@@ -164,5 +164,5 @@ def _open(address: str) -> tuple[Any, str]:
 def _told(address: str) -> Iterator[None]:
     try:
         yield
-    except OSError as error:
+    except Exception as error:  # no credentials, no network: each store has its own errors
         raise BadInputError(f"{address}: cannot be read or written ({error})") from error

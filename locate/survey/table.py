@@ -9,8 +9,10 @@ from locate.survey.places import located_hotspots
 
 def survey_table(survey: Survey) -> Table:
     """A row for every hotspot."""
-    flights = f"{len(survey.mapped)} of {len(survey.flights)} flights"
-    table = Table(title=f"{len(survey.hotspots)} hotspots, {flights}", title_justify="left")
+    count = len(survey.hotspots)
+    spots = "1 hotspot" if count == 1 else f"{count} hotspots"
+    title = f"{spots}, {len(survey.mapped)} of {len(survey.flights)} flights"
+    table = Table(title=title, title_justify="left")
     for name in ("hotspot", "latitude", "longitude", "sigma, m", "seen", "looked", "probability"):
         table.add_column(name, justify="right")
     for place in located_hotspots(survey):

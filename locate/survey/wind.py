@@ -6,8 +6,9 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.georeference import Alignment
+from locate.survey.findings import Wind
 from locate.survey.frame import Seen
-from locate.survey.model import Flight, Wind
+from locate.survey.model import Flight
 
 STEEPEST_UP = 0.2
 

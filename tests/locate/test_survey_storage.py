@@ -19,6 +19,42 @@ def memory():
     files.store.clear()
 
 
+@pytest.fixture
+def bucket(monkeypatch):
+    """A bucket of an S3 server of this test's own."""
+    s3fs = pytest.importorskip("s3fs", reason="pip install s3fs 'moto[server]'")
+    moto = pytest.importorskip("moto.server", reason="pip install s3fs 'moto[server]'")
+    server = moto.ThreadedMotoServer(port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://{host}:{port}")
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "none")
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    s3fs.S3FileSystem.clear_instance_cache()
+    files = s3fs.S3FileSystem()
+    files.mkdir("bucket")
+    yield files
+    s3fs.S3FileSystem.clear_instance_cache()
+    server.stop()
+
+
+@pytest.mark.filterwarnings("default")  # boto's own
+def test_s3_holds_flights_and_surveys(bucket, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    bucket.pipe({"bucket/june/DJI_1.MP4": b"video", "bucket/june/DJI_1.SRT": b"where"})
+    (video,) = fetched(["s3://bucket/june/DJI_1.MP4"], tmp_path)
+    assert video.read_bytes() == b"video"
+    assert video.with_suffix(".SRT").read_bytes() == b"where"
+    with mirrored("s3://bucket/farm") as folder:
+        (folder / "flights").mkdir()
+        (folder / "flights" / "map.json").write_bytes(b"{}")
+    bucket.invalidate_cache()
+    assert bucket.cat("bucket/farm/flights/map.json") == b"{}"
+    with pytest.raises(BadInputError, match="s3://elsewhere/none"):
+        fetched(["s3://elsewhere/none.mp4"], tmp_path)
+
+
 def test_flights_come_here_with_their_telemetry(memory, tmp_path):
     near = tmp_path / "near.mp4"
     given = ["memory://far/DJI_1.MP4", str(near), "memory://far/run", f"file://{near}"]
@@ -37,6 +73,24 @@ def test_what_is_not_there_is_told(memory, tmp_path):
         fetched(["memory://far/none.mp4"], tmp_path)
     with pytest.raises(BadInputError, match="cannot be opened"):
         fetched(["nosuch://far/none.mp4"], tmp_path)
+
+
+def test_whatever_a_store_raises_is_told_in_one_line(memory, tmp_path, monkeypatch):
+    class NoCredentialsError(Exception):
+        """As boto's, which is no OSError."""
+
+    def refused(*_args, **_how):
+        raise NoCredentialsError("Unable to locate credentials")
+
+    monkeypatch.setattr(type(memory), "get_file", refused)
+    with pytest.raises(BadInputError, match=r"DJI_1\.MP4: cannot be .* locate credentials"):
+        fetched(["memory://far/DJI_1.MP4"], tmp_path)
+    monkeypatch.setattr(type(memory), "exists", refused)
+    with (
+        pytest.raises(BadInputError, match="memory://survey: cannot be"),
+        mirrored("memory://survey"),
+    ):
+        pass
 
 
 def test_a_survey_elsewhere_is_sent_back(memory, tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ pytest.importorskip("rosbags", reason="the extra `dds` is not installed")
 from rosbags.typesys import Stores
 
 from locate.fusion.views import Views
+from locate.plume import PlumeMap
 from locate.robot import Settings
+from locate.robot.control import Control
 from locate.robot.dds import DdsNode, TopicNames
 from locate.robot.wire import Wire
 from locate.robot.wiring import Wiring
@@ -34,6 +37,7 @@ KINDS = {
     INFO: "sensor_msgs/msg/CameraInfo",
     "/tf": "tf2_msgs/msg/TFMessage",
     "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/locate/command": "std_msgs/msg/String",
 }
 
 
@@ -49,7 +53,7 @@ class OverWire:
 
     def listen(self, topic: str, kind: str) -> list[Any]:
         heard: list[Any] = []
-        self._wire.listen(topic, kind, heard.append, latched=True)
+        self._wire.listen(topic, kind, heard.append, reliable=True, latched=topic in LATCHED_TOPICS)
         return heard
 
     def spin_once(self) -> None:
@@ -177,6 +181,49 @@ def test_drive_ends_in_latched_markers_and_a_leak(
     covariance = np.reshape(leaks[-1].pose.covariance, (6, 6))[:3, :3]
     error = np.array([place.x, place.y, place.z]) - truth.source
     assert error @ np.linalg.solve(covariance, error) < 16
+
+
+def test_commands_are_answered_and_diagnostics_told(
+    robot: Robot, node: DdsNode, wire: Wire, views: Views
+) -> None:
+    word = wire.types.types["std_msgs/msg/String"]
+    answers = robot.listen("/locate/answer", "std_msgs/msg/String")
+    health = robot.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+
+    def told(command: str) -> str:
+        until_it_comes(
+            node,
+            robot,
+            "/locate/command",
+            word(data=command),
+            lambda: any(answer.data.startswith(command) for answer in answers),
+        )
+        return next(answer.data for answer in answers if answer.data.startswith(command))
+
+    assert told("dance") == "dance failed: 'dance' is none of start, stop, save, reset"
+    assert told("save") == "save failed: nothing to save: no camera_info yet"
+    assert told("stop") == "stop: stopped"
+    image = Recorder(Stores.ROS2_JAZZY).image(views, 0)
+    until_it_comes(
+        node, robot, IMAGE, image, lambda: node.control.health().values["ignored_while_stopped"]
+    )
+    spin(node, robot, lambda: any(array.status[0].message == "stopped" for array in health))
+    assert health[-1].status[0].level in (1, b"\x01")
+    assert told("start") == "start: looking"
+    spin(node, robot, lambda: health[-1].status[0].message == "no camera_info yet")
+
+
+def test_save_writes_the_map_and_reset_forgets_it(wire: Wire, views: Views, tmp_path: Path) -> None:
+    node = DdsNode(wire, Wiring(settings=QUICK), TopicNames(), output=tmp_path / "new")
+    node.feeder.info(Recorder(Stores.ROS2_JAZZY).info(views, 0))
+    answer = node.control.command("save", 0)
+    assert answer.success
+    assert PlumeMap.load(Path(answer.message)).plumes == ()
+    (tmp_path / "file").touch()
+    blocked = Control(node.feeder, node.announcer, output=tmp_path / "file" / "below")
+    assert not blocked.command("save", 0).success
+    assert node.control.command("reset", 0).message == "forgotten"
+    node.close()
 
 
 def test_image_that_cannot_be_read_is_counted(wire: Wire, views: Views) -> None:

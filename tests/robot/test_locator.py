@@ -118,6 +118,27 @@ def test_no_plume_is_reported_where_there_is_none(views: Views) -> None:
     assert locator.plume_map().plumes == ()
 
 
+@pytest.mark.parametrize("plume", [False, True])
+def test_chance_is_drawn_only_for_what_stands_above_a_networks_clutter(
+    views: Views, monkeypatch: pytest.MonkeyPatch, *, plume: bool
+) -> None:
+    draws: list[float] = []
+
+    def drawn(*_how: object) -> float:
+        draws.append(10.0 + len(draws))
+        return draws[-1]
+
+    monkeypatch.setattr("locate.robot.engine.draw_strongest", drawn)
+    shown = views if plume else replace(views, llr=np.full_like(views.llr, -0.5))
+    learned = Oracle(shown)
+    learned.name = "registered"
+    settings = replace(QUICK, views_a_decision=1000)
+    locator = Locator(views.trajectory.camera, settings=settings, detector=learned, threaded=False)
+    drive(locator, shown)
+    assert len(draws) == plume * settings.null_draws
+    assert len(locator.plume_map().plumes) == plume
+
+
 def test_plume_that_stops_is_lost(views: Views) -> None:
     settings = replace(QUICK, views_kept=8)
     locator = inline(views, settings)
@@ -249,6 +270,11 @@ def test_what_cannot_be_is_refused(
     with pytest.raises(BadInputError):
         locator.feed(image, pose, covariance, 0)
     assert locator.counts.key_frames == 0
+
+
+def test_one_neighbour_is_refused() -> None:
+    with pytest.raises(BadInputError, match="at least 2 show parallax"):
+        Settings(neighbours=1)
 
 
 def test_memory_is_bounded(views: Views) -> None:

@@ -1,18 +1,17 @@
 """The page of the report: fragments of HTML put into one template."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.trajectory import Trajectory
+from locate.export.html import definitions, items, resource, table, write_page
 from locate.export.report import pictures, scene, words
 from locate.export.table import answer_rows
 from locate.plume import PlumeMap
@@ -77,24 +76,24 @@ def write_report(
         spatial = scene.figure(
             plume_map, trajectory, points_in_world, voxels_in_world, voxel_probability
         )
-    page = Template(_resource("page.html")).substitute(
-        style=_resource("style.css"),
-        headline=escape(words.headline(plume_map)),
-        lead=escape(words.lead(plume_map)),
-        facts=_facts(words.facts(plume_map, trajectory)),
-        scene="" if spatial is None else _resource("scene.html"),
-        pictures=_pictures(frames, plume_map),
-        table=_answer_table(plume_map),
-        limits=_list([*words.limits(plume_map, trajectory), *notes]),
-        stages=_stage_table(stages),
-        settings=_definitions(settings),
-        script="" if spatial is None else _scripts(spatial),
+    fragments = {
+        "scene": "" if spatial is None else resource("report/scene.html"),
+        "pictures": _pictures(frames, plume_map),
+        "table": _answer_table(plume_map),
+        "limits": items([*words.limits(plume_map, trajectory), *notes]),
+        "stages": _stage_table(stages),
+        "settings": definitions(settings.items()),
+    }
+    write_page(
+        path,
+        "report",
+        kind="Plume map",
+        headline=words.headline(plume_map),
+        lead=words.lead(plume_map),
+        facts=words.facts(plume_map, trajectory),
+        fragments=fragments,
+        scripts="" if spatial is None else _scripts(spatial),
     )
-    path.write_text(page, encoding="utf-8")
-
-
-def _resource(name: str) -> str:
-    return (files("locate") / "data" / "report" / name).read_text(encoding="utf-8")
 
 
 def _scripts(spatial: dict[str, Any]) -> str:
@@ -104,26 +103,8 @@ def _scripts(spatial: dict[str, Any]) -> str:
     return (
         f"<script>{get_plotlyjs()}</script>\n"
         f'<script type="application/json" id="figure">{figure}</script>\n'
-        f"<script>{_resource('scene.js')}</script>"
+        f"<script>{resource('report/scene.js')}</script>"
     )
-
-
-def _facts(pairs: Iterable[tuple[str, str]]) -> str:
-    return "".join(
-        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in pairs
-    )
-
-
-def _definitions(settings: Mapping[str, str]) -> str:
-    rows = (
-        f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>'
-        for name, value in settings.items()
-    )
-    return "".join(rows)
-
-
-def _list(sentences: Iterable[str]) -> str:
-    return "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
 
 
 def _answer_table(plume_map: PlumeMap) -> str:
@@ -131,18 +112,11 @@ def _answer_table(plume_map: PlumeMap) -> str:
     if not columns:
         return f"<p>{escape(plume_map.limit_text())}</p>"
     labels = dict.fromkeys((row[0], row[2]) for _, rows in columns for row in rows)
-    head = "".join(f'<th scope="col">{escape(name)}</th>' for name, _ in columns)
     values = [{(what, unit): value for what, value, unit in rows} for _, rows in columns]
-    body = "".join(
-        f'<tr><th scope="row">{escape(what)}</th>'
-        + "".join(f"<td>{escape(column.get((what, unit), ''))}</td>" for column in values)
-        + f"<td>{escape(unit)}</td></tr>"
-        for what, unit in labels
-    )
-    return (
-        '<div class="wide"><table><thead><tr><th scope="col">Quantity</th>'
-        f'{head}<th scope="col">Unit</th></tr></thead><tbody>{body}</tbody></table></div>'
-    )
+    rows = [
+        [what, *(column.get((what, unit), "") for column in values), unit] for what, unit in labels
+    ]
+    return table(["Quantity", *(name for name, _ in columns), "Unit"], rows, named_rows=True)
 
 
 def _stage_table(stages: Sequence[StageTime]) -> str:

@@ -1,0 +1,85 @@
+"""Pages of one look: each is one file of HTML that works without a network."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+
+def resource(name: str) -> str:
+    """The text of a file of the package's data."""
+    return (files("locate") / "data" / name).read_text(encoding="utf-8")
+
+
+def write_page(
+    path: Path,
+    part: str,
+    *,
+    kind: str,
+    headline: str,
+    lead: str,
+    facts: Iterable[tuple[str, str]],
+    fragments: Mapping[str, str],
+    scripts: str = "",
+) -> None:
+    """Writes a page: the frame and the style that all share, around a body of its own.
+
+    Args:
+        path: The file.
+        part: Folder of the data that holds the page's own body.html and style.css.
+        kind: What sort of page it is; as all that follows, not yet escaped.
+        headline: The answer in a few words.
+        lead: The answer in a sentence or two.
+        facts: Name and value of what a reader wants to know first.
+        fragments: HTML for the places in the body.
+        scripts: HTML of the page's script elements.
+    """
+    page = Template(resource("page/page.html")).substitute(
+        style=resource("page/style.css") + resource(f"{part}/style.css"),
+        kind=escape(kind),
+        headline=escape(headline),
+        lead=escape(lead),
+        facts="".join(
+            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts
+        ),
+        body=Template(resource(f"{part}/body.html")).substitute(fragments),
+        scripts=scripts,
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def items(sentences: Iterable[str]) -> str:
+    """Items of a list, each sentence once."""
+    return "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
+
+
+def definitions(settings: Iterable[tuple[str, object]]) -> str:
+    """Rows of a table of names and values."""
+    return "".join(
+        f'<tr><th scope="row">{escape(name)}</th><td>{escape(str(value))}</td></tr>'
+        for name, value in settings
+    )
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, named_rows: bool = False) -> str:
+    """A table that scrolls sideways where it is too wide.
+
+    Args:
+        heads: Of the columns.
+        rows: The cells.
+        named_rows: The first cell of a row is its head.
+    """
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
+    body = "".join(f"<tr>{_cells(row, named=named_rows)}</tr>" for row in rows)
+    return (
+        f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def _cells(row: Sequence[str], *, named: bool) -> str:
+    cells = [f"<td>{escape(value)}</td>" for value in row]
+    if named:
+        cells[0] = f'<th scope="row">{escape(row[0])}</th>'
+    return "".join(cells)

@@ -1,0 +1,96 @@
+"""A node's switches and its health, whatever carries them."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from locate.robot.announcer import Announcer
+from locate.robot.feeder import Feeder
+from locate.robot.messages import Health
+from locate.robot.tracks import State
+
+COMMANDS = ("start", "stop", "save", "reset")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What became of a command.
+
+    Attributes:
+        success: It was done.
+        message: In words.
+    """
+
+    message: str
+    success: bool = True
+
+
+class Control:
+    """Starts and stops a node, saves and forgets what it found, and says how it is doing.
+
+    Args:
+        feeder: What takes the robot's messages.
+        announcer: What tells of the plumes.
+        output: Folder that map.json is saved in.
+        running: Whether it looks from the beginning.
+    """
+
+    def __init__(
+        self, feeder: Feeder, announcer: Announcer, *, output: Path, running: bool = True
+    ) -> None:
+        self._feeder = feeder
+        self._announcer = announcer
+        self._output = output
+        self._running = running
+        self._ignored = 0
+
+    def while_running(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """The same function, which counts and does nothing else while the node is stopped."""
+
+        def taken(message: Any) -> None:
+            if self._running:
+                take(message)
+            else:
+                self._ignored += 1
+
+        return taken
+
+    def command(self, name: str, stamp_ns: int) -> Answer:
+        """Does one of `COMMANDS`.
+
+        Args:
+            name: Of the command.
+            stamp_ns: Now.
+        """
+        if name in ("start", "stop"):
+            self._running = name == "start"
+            return Answer(message="looking" if self._running else "stopped")
+        if name == "reset":
+            self._feeder.reset()
+            self._announcer.forget(stamp_ns)
+            return Answer(message="forgotten")
+        if name == "save":
+            return self._save()
+        return Answer(message=f"{name!r} is none of {', '.join(COMMANDS)}", success=False)
+
+    def _save(self) -> Answer:
+        if self._feeder.locator is None:
+            return Answer(message="nothing to save: no camera_info yet", success=False)
+        path = self._output.expanduser() / "map.json"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._feeder.locator.plume_map().save(path)
+        except OSError as error:
+            return Answer(message=f"{path}: {error.strerror}", success=False)
+        return Answer(message=str(path))
+
+    def health(self) -> Health:
+        """What was fed, dropped and refused, and the first thing that is wrong."""
+        locator, known = self._feeder.locator, self._announcer.known.values()
+        values = {} if locator is None else asdict(locator.counts)
+        values |= {f"refused_{name}": count for name, count in self._feeder.refused.items()}
+        values["ignored_while_stopped"] = self._ignored
+        values["plumes"] = sum(update.state == State.CONFIRMED for update in known)
+        trouble = self._feeder.trouble() if self._running else "stopped"
+        return Health(trouble=trouble, values=values)
