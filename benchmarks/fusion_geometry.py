@@ -92,6 +92,8 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=16)
     parser.add_argument("--gaps", type=float, nargs="+", help="Two plumes, so many m apart.")
     arguments = parser.parse_args()
+    if arguments.draws < 1 or arguments.views < 1:
+        parser.error("--draws and --views must be at least 1")
     seeds = range(arguments.first, arguments.first + arguments.draws)
     if arguments.gaps:
         for gap_m in arguments.gaps:
@@ -106,6 +108,9 @@ def main() -> None:
         null = null_of(arguments.first, arc, arguments.views)
         drawn = [draw(seed, arc, arguments.views, null) for seed in seeds]
         found = np.array([result for result in drawn if result is not None])
+        if not len(found):
+            print(f"{arc:7.0f} |   0/{len(drawn)}", flush=True)
+            continue
         error, nees, across, along, axis, false = found.T
         print(
             f"{arc:7.0f} | {len(found):3d}/{len(drawn)} | {np.median(error):.3f} | "

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
+from geometry.errors import LocateError
 from geometry.grid import LEVER_FULL, LEVER_NONE, lever
 from geometry.trajectory import Trajectory
 from locate.fusion.views import Views
@@ -22,6 +23,7 @@ from locate.observe import load_detections
 POINTS = 60_000
 PLUME_PERCENT = 5
 FEWEST_PAIRS = 500
+FEWEST_VIEWS = 8
 BANDS = {"floating": (LEVER_FULL, 1.0), "near a surface": (LEVER_NONE, LEVER_FULL / 2)}
 
 
@@ -65,7 +67,13 @@ def main() -> None:
     parser.add_argument("runs", type=Path, nargs="+")
     arguments = parser.parse_args()
     for run in arguments.runs:
-        views = load_views(run)
+        try:
+            views = load_views(run)
+        except LocateError as error:
+            parser.error(str(error))
+        if len(views) < FEWEST_VIEWS or np.isnan(views.unit):
+            print(f"{run.parent.name} | {FEWEST_VIEWS} views of known depth are needed")
+            continue
         box = views.volume()
         size = np.array(box.shape[::-1]) * box.voxel
         points = box.low_in_world + np.random.default_rng(0).uniform(size=(POINTS, 3)) * size

@@ -64,35 +64,37 @@ def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
     """
     camera = views.trajectory.camera
     focal = camera.focal_px
+    center_x, center_y = camera.matrix[:2, 2]
     nearest = NEAREST_DEPTH_UNITS * views.unit
     height, width = views.llr.shape[1:]
     centers = views.trajectory.centers_in_world
     heights = columns[:, HEIGHT, None] * (np.arange(along) + 0.5) / along
     points = spine(columns, heights)
     radii = columns[:, RADIUS, None] + columns[:, OPENING, None] * heights
-    offsets = np.linspace(-FOOTPRINT_SHARE, FOOTPRINT_SHARE, across)
+    across_axis = np.linspace(-1, 1, across, dtype=np.float32)
     axes = np.column_stack([columns[:, [SLOPE_X, SLOPE_Y]], np.ones(len(columns))])
     lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    slab = columns[:, HEIGHT, None] * lengths / along
     nats = np.empty((len(views), len(columns)))
     for i in range(len(views)):
         in_cam = views.trajectory.world_to_cam(i, points)
         depth = np.maximum(in_cam[..., 2], nearest)
-        pixels = in_cam[..., :2] / depth[..., None] * focal + camera.matrix[:2, 2]
-        radii_px = focal * radii / depth
-        x = np.rint(pixels[..., 0, None] + radii_px[..., None] * offsets).astype(np.int64)
-        y = np.rint(pixels[..., 1]).astype(np.int64)[..., None]
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        inside &= (in_cam[..., 2] > nearest)[..., None]
+        scale = focal / depth
+        half_width_px = FOOTPRINT_SHARE * radii * scale
+        x = (in_cam[..., 0] * scale + center_x).astype(np.float32)[..., None]
+        x = np.rint(x + half_width_px[..., None].astype(np.float32) * across_axis).astype(np.int32)
+        y = np.rint(in_cam[..., 1] * scale + center_y).astype(np.int32)[..., None]
+        inside = (x >= 0) & (x < width)
+        inside &= (y >= 0) & (y < height) & (in_cam[..., 2] > nearest)[..., None]
         flat = np.where(inside, y * width + x, 0)
-        background = views.inverse_depth[i].ravel()[flat]
+        background = views.inverse_depth[i].ravel().take(flat)
         gate = lever_gate(depth[..., None].astype(np.float32), background) * inside
+        per_height = np.einsum("nsa,nsa->ns", views.llr[i].ravel().take(flat), gate) / across
         rays = points - centers[i]
-        facing = np.einsum("nsk,nk->ns", rays, axes / lengths) / np.linalg.norm(rays, axis=-1)
-        slab_px = focal * columns[:, HEIGHT, None] * lengths / along / depth
-        half_width_px = FOOTPRINT_SHARE * radii_px
-        area = 2 * half_width_px * slab_px * np.sqrt(np.maximum(1 - facing**2, 0))
-        area += np.pi * half_width_px**2 * np.abs(facing) / along
-        per_height = (views.llr[i].ravel()[flat] * gate).mean(axis=-1)
+        squared = np.einsum("nsk,nsk->ns", rays, rays)
+        facing = np.abs(np.einsum("nsk,nk->ns", rays, axes / lengths)) / np.sqrt(squared)
+        area = 2 * half_width_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
+        area += np.pi * half_width_px**2 * facing / along
         nats[i] = (per_height * area).sum(axis=-1)
     return nats / views.correlation_px2
 
@@ -107,16 +109,16 @@ def agreed(nats: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(nats, limit).sum(axis=0))
 
 
-def without(views: Views, column: FloatArray) -> Views:
-    """The views with the evidence inside a column's outline, somewhat widened, set to zero.
+def without(views: Views, column: FloatArray, *, radii: float = EXPLAINED_RADII) -> Views:
+    """The views with the evidence inside a column's outline, `radii` wide, set to zero.
 
     What one plume explains must not speak for another.
     """
     wide = column.copy()
-    wide[[RADIUS, OPENING]] *= EXPLAINED_RADII
+    wide[[RADIUS, OPENING]] *= radii
     heights = np.linspace(-0.1, 1.1, 25) * column[HEIGHT]
     points = spine(wide[None], heights[None])[0]
-    radii = np.maximum(wide[RADIUS] + wide[OPENING] * heights, wide[RADIUS] / 2)
+    half_widths = np.maximum(wide[RADIUS] + wide[OPENING] * heights, wide[RADIUS] / 2)
     llr = views.llr.copy()
     for i in range(len(views)):
         in_cam = views.trajectory.world_to_cam(i, points)
@@ -124,7 +126,7 @@ def without(views: Views, column: FloatArray) -> Views:
         ahead = in_cam[:, 2] > 0
         if not ahead.any():
             continue
-        half = views.trajectory.camera.focal_px * radii[ahead] / in_cam[ahead, 2]
+        half = views.trajectory.camera.focal_px * half_widths[ahead] / in_cam[ahead, 2]
         sideways = np.stack([half, np.zeros_like(half)], axis=1)
         outline = np.concatenate([pixels[ahead] - sideways, (pixels[ahead] + sideways)[::-1]])
         cv2.fillPoly(llr[i], [np.rint(outline).astype(np.int32)], 0.0)

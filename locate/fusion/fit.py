@@ -1,5 +1,7 @@
 """Columns fitted to the summed evidence: a shrinking random search from the proposals."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from geometry.arrays import FloatArray
@@ -18,21 +20,27 @@ LENGTHS = (X, Y, Z, HEIGHT, RADIUS)
 
 
 def fit_columns(
-    views: Views, starts: FloatArray, unit: float, rng: np.random.Generator
+    views: Views,
+    starts: FloatArray,
+    unit: float,
+    rng: np.random.Generator,
+    *,
+    total: Callable[[FloatArray], FloatArray] = agreed,
 ) -> FloatArray:
     """Refines (N, 8) starts and returns the distinct columns they end in, best first.
 
-    The opening angle stays free: held fixed, the fit slides towards the cameras.
+    The opening angle stays free: held fixed, the fit slides towards the cameras. What is made
+    as large as possible is the `total` over views.
     """
     columns = _clip(starts, unit)
-    best = agreed(score(views, columns))
+    best = total(score(views, columns))
     scale = np.ones(8)
     scale[list(LENGTHS)] = unit
     for turn in range(ROUNDS):
         step = STEP_UNITS * scale * SHRINK**turn
         tried = np.repeat(columns, DRAWS, axis=0)
         tried = _clip(tried + rng.normal(size=tried.shape) * step, unit)
-        value = agreed(score(views, tried)).reshape(len(columns), DRAWS)
+        value = total(score(views, tried)).reshape(len(columns), DRAWS)
         pick = value.argmax(axis=1)
         rows = np.arange(len(columns))
         better = value[rows, pick] > best
@@ -41,7 +49,7 @@ def fit_columns(
         if turn == SURVIVORS_AFTER:
             keep = distinct(columns[np.argsort(-best)], unit)[:SURVIVORS]
             columns = keep
-            best = agreed(score(views, columns))
+            best = total(score(views, columns))
     return distinct(columns[np.argsort(-best)], unit)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from locate.fusion.column import (
 from locate.fusion.fit import fit_columns
 from locate.fusion.graph import AxisEstimate, estimate_axis
 from locate.fusion.null import NullLevel
+from locate.fusion.pairs import split
 from locate.fusion.proposals import STARTS, propose
 from locate.fusion.views import Views
 from locate.plume import Plume
@@ -64,8 +66,9 @@ def fuse(
     """Finds the plumes that the summed evidence of all views speaks for.
 
     A strong plume makes strong chance columns too. Once it is found and taken out, the level is
-    drawn anew for what stands far from it; a tenth of its evidence at least must speak for that,
-    as what is left of a strong plume agrees by itself.
+    drawn anew where a column stands far from it; a tenth of its evidence at least must speak for
+    that, as what is left of a strong plume agrees by itself. Several strong ones can hide each
+    other so: where `least_nats` says what clutter makes, all above that are taken out of the draws.
 
     Args:
         views: The evidence.
@@ -88,13 +91,15 @@ def fuse(
     proposals, grid = propose(views, box, unit, most=STARTS)
     columns = fit_columns(views, proposals.columns, unit, rng)
     level = max(null.threshold(most_false_alarm), least_nats)
-    plumes, left = _take(views, columns, unit, null, level)
-    if plumes and drawn:
-        null = NullLevel.from_views(left, box, unit, rng, progress=lambda _share: None)
-        far = [column for column in columns if _is_far(column, plumes, unit)]
-        ghost_nats = GHOST_SHARE * max(plume.evidence_nats for plume in plumes)
+    plumes, left = _take(views, columns, unit, null, level, rng)
+    strongest = max((evidence(views, column) for column in columns), default=0.0)
+    floor = max(least_nats, GHOST_SHARE * strongest)
+    far = _far_columns(left, columns, plumes, floor)
+    if drawn and far and (plumes or least_nats):
+        calm = reduce(without, far, left) if least_nats else left
+        null = NullLevel.from_views(calm, box, unit, rng, progress=lambda _share: None)
         level = max(null.threshold(most_false_alarm), least_nats)
-        more, _ = _take(left, far, unit, null, max(level, ghost_nats))
+        more, _ = _take(left, far, unit, null, max(level, floor), rng)
         plumes += more
     progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
@@ -103,29 +108,57 @@ def fuse(
 
 
 def _take(
-    views: Views, columns: Iterable[FloatArray], unit: float, null: NullLevel, level: float
+    views: Views,
+    columns: Iterable[FloatArray],
+    unit: float,
+    null: NullLevel,
+    level: float,
+    rng: np.random.Generator,
 ) -> tuple[list[Plume], Views]:
     """The plumes among the columns, and the views without what those explain."""
     plumes: list[Plume] = []
     for start in columns:
         if evidence(views, start) < level:
             continue
-        refined = refine_axis(views, start, unit)
-        if refined is None:
-            continue
-        column, axis = refined
-        strength = evidence(views, column)
-        if strength < level:
-            continue
-        plumes.append(_plume(views, column, axis, unit, null.false_alarm(strength)))
-        views = without(views, column)
+        parts = split(views, start, unit, rng)
+        found = _measured(parts, unit, null, level)
+        if len(found) < len(parts):
+            found = _measured([(start, views)], unit, null, level)
+        for column, plume in found:
+            plumes.append(plume)
+            views = without(views, column)
     return plumes, views
 
 
-def _is_far(column: FloatArray, plumes: list[Plume], unit: float) -> bool:
-    """No plume stands so near that what it left of its evidence could pass for this column."""
-    places = np.array([plume.source[:2] for plume in plumes])
-    return bool((np.linalg.norm(places - column[[X, Y]], axis=1) > FAR_UNITS * unit).all())
+def _measured(
+    parts: list[tuple[FloatArray, Views]], unit: float, null: NullLevel, level: float
+) -> list[tuple[FloatArray, Plume]]:
+    """Those of the columns that are plumes, with the columns where they really stand.
+
+    Of two that one column held, each needs half of what a plume alone does: that something stands
+    there was shown by both.
+    """
+    found = []
+    for part, views in parts:
+        refined = refine_axis(views, part, unit)
+        if refined is None:
+            continue
+        column, axis = refined
+        strength = len(parts) * evidence(views, column)
+        if strength >= level:
+            plume = _plume(views, column, axis, unit, null.false_alarm(strength))
+            found.append((column, plume))
+    return found
+
+
+def _far_columns(
+    left: Views, columns: FloatArray, plumes: list[Plume], floor: float
+) -> list[FloatArray]:
+    """Strong columns that stand too far from every plume to be what it left of its evidence."""
+    places = np.reshape([plume.source[:2] for plume in plumes], (-1, 2))
+    apart = np.linalg.norm(columns[:, None, [X, Y]] - places, axis=2).min(axis=1, initial=np.inf)
+    far = columns[apart > FAR_UNITS * left.unit]
+    return [column for column in far if evidence(left, column) >= floor]
 
 
 def evidence(views: Views, column: FloatArray) -> float:

@@ -9,22 +9,27 @@ tell a slow one from parallax. How far and how slowly a plume sways is therefore
 scatter of its own sightings, and what remains unknown of both is averaged over.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from geometry.arrays import FloatArray
 from locate.fusion.axis import AxisSightings
 
-RATES = np.geomspace(0.005, 0.5, 7)
-GROWTHS = (0.5, 0.75, 1.0, 2.0)
+RATES = np.geomspace(0.005, 0.5, 7).tolist()
+GROWTHS = (0.5, 1.0, 2.0)
 IN_PROPORTION = 1.0
 INFLATIONS = (0.25, 0.5, 1.0, 2.0)
+SHARES_ALIKE = (0.0, 0.9)
+ALIKE_OF_NEIGHBOURS = 0.8
 PERSISTENCES = 4
 NEAREST_UNITS = 0.02
 STUDENT_FREEDOM = 4.0
 ROBUST_TURNS = 3
+NEGLIGIBLE_NATS = 8.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +37,11 @@ class Sway:
     """What the sightings of one plume scatter by, averaged over all that could explain it.
 
     Attributes:
-        covariance_px2: (N, N) of the sway, common to sightings near in time and height.
+        covariance_px2: (N, N) of what is common to sightings near in time and height: the sway,
+            and what the evidence of neighbouring views has wrong alike.
         sigma_px: (N,) of what is each sighting's own; large for outliers.
         inflation: Of the sightings' own sigmas, outliers apart.
+        share_alike: Of their variance that neighbouring views have in common.
         rate: Posterior mean of the sway's standard deviation per unit of height.
         persistence_s: Posterior (geometric) mean of the time over which it is correlated.
     """
@@ -42,6 +49,7 @@ class Sway:
     covariance_px2: FloatArray
     sigma_px: FloatArray
     inflation: float
+    share_alike: float
     rate: float
     persistence_s: float
 
@@ -54,13 +62,28 @@ class Sway:
             unit: The yardstick of fusion, world units.
         """
         shape = _shape(sightings, origin, unit, self.persistence_s, IN_PROPORTION)
-        return Sway(
-            covariance_px2=self.rate**2 * shape,
-            sigma_px=self.inflation * sightings.sigma_px,
-            inflation=self.inflation,
-            rate=self.rate,
-            persistence_s=self.persistence_s,
+        alike = self.inflation**2 * self.share_alike * _alike(sightings)
+        own = self.inflation * np.sqrt(1 - self.share_alike)
+        return replace(
+            self,
+            covariance_px2=self.rate**2 * shape + alike,
+            sigma_px=own * sightings.sigma_px,
         )
+
+
+class _Explanation(NamedTuple):
+    """What the sightings may scatter by; see `Sway`."""
+
+    persistence_s: float
+    growth: float
+    rate: float
+    inflation: float
+    share_alike: float
+
+    @property
+    def own(self) -> float:
+        """Variance of a sighting's own error, in units of the one it states."""
+        return self.inflation**2 * (1 - self.share_alike)
 
 
 def estimate_sway(
@@ -76,9 +99,10 @@ def estimate_sway(
     `rate^2 h k (h / k) exp(-t / persistence)` along each horizontal direction: sway in proportion
     to the height. Sway that grows with other powers of the height (`GROWTHS`) and reaches as far at
     the highest sighting is tried as well: with the square, a plume rises calmly and breaks up
-    above; with the root, it wanders from the start. A straight axis and a constant lean are free
-    (Patterson and Thompson, Biometrika 1971); sightings that fit no better than by chance lose
-    weight as under Student's distribution.
+    above; with the root, it wanders from the start. What a sighting has wrong by itself is either
+    its own or mostly shared with the views next to it, which look past the plume at nearly the same
+    background. A straight axis and a constant lean are free (Patterson and Thompson, Biometrika
+    1971); sightings that fit no better than by chance lose weight as under Student's distribution.
 
     Args:
         sightings: N of the axis.
@@ -87,52 +111,55 @@ def estimate_sway(
         poses_px2: (N, N) covariance of the offsets due to the poses.
         prior: (4,) mean and (4, 4) information of the axis: x, y and slopes, as corrections.
     """
-    times = _persistences(sightings.time_s)
+    times, alike = _persistences(sightings.time_s), _alike(sightings)
     shapes = {
         (t, growth): _shape(sightings, origin, unit, t, growth)
         for t, growth in product(times, GROWTHS)
     }
+
+    def common(e: _Explanation) -> FloatArray:
+        sway = e.rate**2 * shapes[e.persistence_s, e.growth]
+        return np.asarray(sway + e.inflation**2 * e.share_alike * alike)
+
+    grid = [_Explanation(*e) for e in product(times, GROWTHS, RATES, INFLATIONS, SHARES_ALIKE)]
+    stated = sightings.sigma_px**2
     weight = np.ones(len(sightings))
-    grid = list(product(shapes, RATES, INFLATIONS))
     for turn in range(ROBUST_TURNS):
-        own = [(factor * sightings.sigma_px) ** 2 for factor in INFLATIONS]
-        variances = dict(zip(INFLATIONS, own, strict=True))
         fits = [
-            _Fit(
-                sightings,
-                rate**2 * shapes[key] + poses_px2 + np.diag(variances[factor] / weight),
-                prior,
-            )
-            for key, rate, factor in grid
+            _Fit(sightings, common(e) + poses_px2 + np.diag(e.own * stated / weight), prior)
+            for e in grid
         ]
-        log_likelihood = np.array([fit.log_likelihood for fit in fits])
+        nats = np.array([fit.log_likelihood for fit in fits])
         if turn + 1 < ROBUST_TURNS:
-            best = int(np.argmax(log_likelihood))
-            weight = fits[best].student_weight(variances[grid[best][2]], weight)
-    share = np.exp(log_likelihood - log_likelihood.max())
+            best = int(np.argmax(nats))
+            weight = fits[best].student_weight(grid[best].own * stated, weight)
+        if turn + 2 == ROBUST_TURNS:
+            grid = [grid[k] for k in np.flatnonzero(nats > nats[best] - NEGLIGIBLE_NATS)]
+    share = np.exp(nats - nats.max())
     share /= share.sum()
-    keys, rates, factors = zip(*grid, strict=True)
-    covariance = np.zeros_like(poses_px2)
-    for p, (key, rate, _) in zip(share, grid, strict=True):
-        covariance += p * rate**2 * shapes[key]
+    mean = _Explanation(*(share @ np.array(grid)))
+    inflation2 = float(share @ [e.inflation**2 for e in grid])
+    own = float(share @ [e.own for e in grid])
     return Sway(
-        covariance_px2=covariance,
-        sigma_px=sightings.sigma_px * np.sqrt(share @ np.square(factors) / weight),
-        inflation=float(np.sqrt(share @ np.square(factors))),
-        rate=float(share @ np.array(rates)),
-        persistence_s=float(np.exp(share @ np.log([t for t, _ in keys]))),
+        covariance_px2=sum((p * common(e) for p, e in zip(share, grid, strict=True)), 0 * alike),
+        sigma_px=np.sqrt(own * stated / weight),
+        inflation=float(np.sqrt(inflation2)),
+        share_alike=1 - own / inflation2,
+        rate=mean.rate,
+        persistence_s=float(np.exp(share @ [np.log(e.persistence_s) for e in grid])),
     )
 
 
-def _persistences(time_s: FloatArray) -> FloatArray:
+def _persistences(time_s: FloatArray) -> list[float]:
     """From half the time between two views, where sway is noise, to twice the whole recording.
 
     Views of one instant see one sway, however long it lasts.
     """
     times = np.unique(time_s)
     if len(times) == 1:
-        return np.ones(1)
-    return np.geomspace(np.median(np.diff(times)) / 2, 2 * np.ptp(times), PERSISTENCES)
+        return [1.0]
+    shortest, longest = np.median(np.diff(times)) / 2, 2 * np.ptp(times)
+    return [float(t) for t in np.geomspace(shortest, longest, PERSISTENCES)]
 
 
 def _shape(
@@ -147,6 +174,14 @@ def _shape(
     return np.asarray(lean * in_height * np.exp(-apart_s / persistence_s))
 
 
+def _alike(sightings: AxisSightings) -> FloatArray:
+    """(N, N) covariance of the stated errors, px^2, were they shared with the views next to it."""
+    apart = np.abs(np.subtract.outer(sightings.view, sightings.view))
+    same_section = np.equal.outer(sightings.height, sightings.height)
+    stated = np.outer(sightings.sigma_px, sightings.sigma_px)
+    return np.asarray(stated * same_section * ALIKE_OF_NEIGHBOURS**apart)
+
+
 class _Fit:
     """Generalised least squares of a straight axis through offsets of a known covariance."""
 
@@ -159,21 +194,25 @@ class _Fit:
         mean, information = prior
         design = design_matrix(sightings)
         self._residual = sightings.offset_px - design @ mean
-        root = np.linalg.cholesky(covariance_px2)
-        self._inverse_root = np.linalg.inv(root)
-        self._whitened = self._inverse_root @ np.column_stack([design, self._residual])
+        self._root = np.linalg.cholesky(covariance_px2)
+        self._whitened = self._white(np.column_stack([design, self._residual]))
         normal = self._whitened[:, :4].T @ self._whitened[:, :4] + information
         right = self._whitened[:, :4].T @ self._whitened[:, 4]
-        self._gain = np.linalg.solve(normal, self._whitened[:, :4].T)
+        self._normal = normal
         misfit = float(self._whitened[:, 4] @ self._whitened[:, 4])
         misfit -= float(right @ np.linalg.solve(normal, right))
-        determinants = 2 * np.log(np.diag(root)).sum() + np.linalg.slogdet(normal)[1]
+        determinants = 2 * np.log(np.diag(self._root)).sum() + np.linalg.slogdet(normal)[1]
         self.log_likelihood = float(-0.5 * (determinants + misfit))
+
+    def _white(self, columns: FloatArray) -> FloatArray:
+        return np.asarray(solve_triangular(self._root, columns, lower=True, check_finite=False))
 
     def student_weight(self, own_px2: FloatArray, weight: FloatArray) -> FloatArray:
         """(N,) weights, at most 1, by how far each sighting lies from what all others predict."""
-        keep = np.eye(len(own_px2)) - self._whitened[:, :4] @ self._gain
-        precision = self._inverse_root.T @ keep @ self._inverse_root
+        gain = np.linalg.solve(self._normal, self._whitened[:, :4].T)
+        inverse_root = self._white(np.eye(len(own_px2)))
+        keep = np.eye(len(own_px2)) - self._whitened[:, :4] @ gain
+        precision = inverse_root.T @ keep @ inverse_root
         left_out = (precision @ self._residual) / np.diag(precision)
         predicted = 1 / np.diag(precision) - own_px2 / weight
         squared = left_out**2 / (np.maximum(predicted, 0) + own_px2)

@@ -11,6 +11,7 @@ from locate.fusion.column import score, spine, without
 from locate.fusion.fuse import fuse
 from locate.fusion.graph import estimate_axis
 from locate.fusion.null import NullLevel
+from locate.fusion.pairs import split
 from locate.fusion.proposals import best_interval
 from locate.fusion.sway import estimate_sway
 from locate.fusion.views import Views
@@ -65,6 +66,46 @@ def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
     left = without(views, column)
     assert score(left, column[None]).sum() < 0.1 * score(views, column[None]).sum()
     assert (views.llr > 0).any()
+
+
+@pytest.mark.parametrize(("gap_m", "count"), [(0.0, 1), (1.0, 2)])
+def test_a_column_over_two_plumes_is_split_and_one_over_one_is_not(
+    truth: Truth, gap_m: float, count: int
+) -> None:
+    rng = np.random.default_rng(0)
+    views = corrupted_views(truth, orbit(8, 60), rng, NONE)
+    beside = replace(truth, source=truth.source + np.array([gap_m, 0, 0]))
+    other = corrupted_views(beside, orbit(8, 60), rng, NONE)
+    both = replace(views, llr=np.maximum(views.llr, other.llr))
+    over = as_column(truth)
+    over[0] += gap_m / 2
+    over[6] += gap_m / 2
+    parts = split(both, over, views.unit, rng)
+    assert len(parts) == count
+    if count == 2:
+        for plume in (truth, beside):
+            away = min(np.linalg.norm(column[:2] - plume.source[:2]) for column, _ in parts)
+            assert away < gap_m / 3
+    for column, alone in parts:
+        assert score(alone, column[None]).sum() > 0.5 * score(both, as_column(truth)[None]).sum()
+
+
+def test_errors_that_neighbouring_views_share_are_seen_and_widen_the_covariance(
+    seen: tuple[np.ndarray, AxisSightings, Views],
+) -> None:
+    column, sightings, views = seen
+    rng = np.random.default_rng(4)
+    apart = np.abs(np.subtract.outer(sightings.view, sightings.view))
+    same = np.equal.outer(sightings.height, sightings.height)
+    root = np.linalg.cholesky(same * 0.8**apart + 1e-9 * np.eye(len(sightings)))
+    own, shared = (
+        estimate_axis(views.trajectory, column, replace(sightings, offset_px=offsets), views.unit)
+        for offsets in (rng.normal(size=len(sightings)), root @ rng.normal(size=len(sightings)))
+    )
+    assert own is not None
+    assert shared is not None
+    assert own.sway.share_alike < 0.3 < 0.6 < shared.sway.share_alike
+    assert np.trace(shared.covariance) > 1.5 * np.trace(own.covariance)
 
 
 def test_base_reaches_down_to_the_ground(truth: Truth) -> None:

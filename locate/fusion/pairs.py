@@ -1,0 +1,88 @@
+"""One column that holds two plumes.
+
+Silence between two plumes speaks less against a plume than their evidence speaks for one, so a wide
+column over both explains more of it than either alone. Held against half of what the plume itself
+has, silence counts as much as evidence: then two narrow columns explain clearly more than a wide
+one, and of a single plume there is nothing left to explain for a second.
+"""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from geometry.arrays import FloatArray
+from locate.fusion.column import (
+    OPENING,
+    RADIUS,
+    X,
+    Y,
+    agreed,
+    score,
+    without,
+)
+from locate.fusion.fit import distinct, fit_columns
+from locate.fusion.views import Views
+
+LEVEL_SHARE = 0.5
+HALF_GAPS_UNITS = (0.3, 0.45, 0.6)
+DIRECTIONS_RAD = np.arange(4) * np.pi / 4
+RADIUS_UNITS, OPENING_START = 0.12, 0.06
+FITTED_IN_TURNS = 2
+LEAST_GAIN = 0.3
+
+
+def split(
+    views: Views, column: FloatArray, unit: float, rng: np.random.Generator
+) -> list[tuple[FloatArray, Views]]:
+    """The column, or the two that it holds, each with the views in which nothing else stands.
+
+    It holds two where they stand apart at all heights and explain `LEAST_GAIN` more than one.
+    """
+    sharp = _sharpened(views, column)
+    first, second = max(_apart(column, unit), key=lambda pair: _explained(sharp, *pair))
+    for _ in range(FITTED_IN_TURNS):
+        (first,) = fit_columns(_alone(sharp, second), first[None], unit, rng, total=_shown)
+        (second,) = fit_columns(_alone(sharp, first), second[None], unit, rng, total=_shown)
+        if len(distinct(np.stack([first, second]), unit)) < 2:
+            return [(column, views)]
+    (single,) = fit_columns(sharp, column[None], unit, rng, total=_shown)
+    one = float(_shown(score(sharp, single[None]))[0])
+    if _explained(sharp, first, second) < (1 + LEAST_GAIN) * one:
+        return [(column, views)]
+    return [(first, _alone(views, second)), (second, _alone(views, first))]
+
+
+def _sharpened(views: Views, column: FloatArray) -> Views:
+    """The evidence less a share of what the pixels that speak for the column say."""
+    inside = (views.llr > 0) & (_alone(views, column).llr == 0)
+    level = LEVEL_SHARE * views.llr[inside].mean() if inside.any() else 0.0
+    llr = np.where(views.llr == 0, 0, views.llr - level)
+    return replace(views, llr=llr.astype(np.float32))
+
+
+def _apart(column: FloatArray, unit: float) -> list[tuple[FloatArray, FloatArray]]:
+    """Pairs of narrow columns on both sides of its axis."""
+    narrow = column.copy()
+    narrow[[RADIUS, OPENING]] = RADIUS_UNITS * unit, OPENING_START
+    pairs = []
+    for angle, half_gap in product(DIRECTIONS_RAD, HALF_GAPS_UNITS):
+        aside = np.zeros(8)
+        aside[[X, Y]] = half_gap * unit * np.cos(angle), half_gap * unit * np.sin(angle)
+        pairs.append((narrow + aside, narrow - aside))
+    return pairs
+
+
+def _alone(views: Views, other: FloatArray) -> Views:
+    return without(views, other, radii=1.0)
+
+
+def _shown(nats: FloatArray) -> FloatArray:
+    """(N,) sum of (V, N) evidence; a view that sees one of two does not speak against the other."""
+    return agreed(np.maximum(nats, 0))
+
+
+def _explained(views: Views, first: FloatArray, second: FloatArray) -> float:
+    """What two columns explain, nats; what both cover counts once."""
+    rest = score(_alone(views, first), second[None])
+    return float(_shown(score(views, first[None]))[0] + _shown(rest)[0])
