@@ -7,7 +7,7 @@ import pytest
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered.features import FEATURES, Feature
-from detect.registered.lessons import lesson_path
+from detect.registered.lessons import Leaks, lesson_path
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
 from locate.commands import train
@@ -58,21 +58,27 @@ def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.M
         (tmp_path / "photos" / f"{number}.png").touch()
     config = TrainConfig.load(config_path(Path("registered")), tmp_path)
     plants = PoolConfig(folder=tmp_path / "plants", seeds=((3, 6),))
-    photos = PoolConfig(folder=tmp_path / "more", seeds=((8, 9),), photos=tmp_path / "photos")
+    photos = PoolConfig(
+        folder=tmp_path / "more", seeds=((8, 9),), photos=tmp_path / "photos", leaks="anywhere"
+    )
     config = config.model_copy(update={"pools": {"plants": plants, "photos": photos}})
     plants.folder.mkdir()
     lesson_path(plants.folder, 4).touch()
     made = []
 
-    def render(folder: Path, photos: tuple[Path, ...] | None, seed: int) -> None:
+    def render(folder: Path, photos: tuple[Path, ...] | None, leaks: Leaks, seed: int) -> None:
         splits = {split_of_photo(photo) for photo in photos or ()}
-        made.append((folder.name, splits, seed))
+        made.append((folder.name, splits, leaks, seed))
 
     monkeypatch.setattr(train, "ProcessPoolExecutor", _Here)
     monkeypatch.setattr(train, "_render_lesson", render)
     told: list[tuple[str, float]] = []
     render_missing_lessons(config, report=lambda what, share: told.append((what, share)))
-    assert made == [("plants", set(), 3), ("plants", set(), 5), ("more", {"train"}, 8)]
+    assert made == [
+        ("plants", set(), "nozzle", 3),
+        ("plants", set(), "nozzle", 5),
+        ("more", {"train"}, "anywhere", 8),
+    ]
     assert told == [("lessons: plants", 0.5), ("lessons: plants", 1), ("lessons: photos", 1)]
 
 
