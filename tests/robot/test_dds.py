@@ -37,7 +37,7 @@ KINDS = {
     INFO: "sensor_msgs/msg/CameraInfo",
     "/tf": "tf2_msgs/msg/TFMessage",
     "/tf_static": "tf2_msgs/msg/TFMessage",
-    "/locate/command": "std_msgs/msg/String",
+    "/quiet/command": "std_msgs/msg/String",
 }
 
 
