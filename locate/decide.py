@@ -1,9 +1,11 @@
 """The stage that decides: evidence of all frames in, the map out."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from detect.detection import Detection
 from geometry.grid import EvidenceGrid
 from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
@@ -74,7 +76,7 @@ def decide(
             response=load_response(detections),
             seed=seed,
         )
-    notes = []
+    notes = silence_notes(found, detector)
     if not trajectory.metric:
         notes.append(FREE_SCALE)
     if not trajectory.gravity:
@@ -93,6 +95,18 @@ def decide(
         detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
         notes=tuple(notes),
     )
+
+
+def silence_notes(found: Sequence[Detection], detector: str) -> list[str]:
+    """How many of the frames the network says nothing of, where there are such."""
+    mute = sum(not seen.llr.any() for seen in found)
+    if not mute or detector.partition("+")[0] != "registered":
+        return []
+    return [
+        f"{mute} of {len(found)} frames say nothing: they could not be registered well enough for "
+        "what the network has learned (little overlap, or much that moves). "
+        "--detector registered-plain judges them by hand."
+    ]
 
 
 def hidden_note(plume: Plume, unit_name: str) -> str:

@@ -11,7 +11,7 @@ from detect.learning.augmentation import augment
 from detect.learning.config import Augmentation, PoolConfig, TrainConfig
 from detect.registered import RegisteredDetector
 from detect.registered.calibrate import calibrate, main, read_lesson
-from detect.registered.features import FEATURES, Plain, feature, features
+from detect.registered.features import FEATURES, SMALL_PX, Plain, feature, features
 from detect.registered.learned import CLASS_NAMES, SCORES, Place, Reader, places_of
 from detect.registered.lessons import KINDS, Lesson, lesson_path
 from detect.registered.measure import Measurement
@@ -205,6 +205,19 @@ def test_the_network_says_where_and_the_measurement_how_much(
     assert rich.mean() > 0.1
     np.testing.assert_allclose(detection.llr[rich], llr[rich], atol=1e-4)
     assert not detection.llr[measured & ~rich].any()
+
+
+def test_a_badly_registered_frame_says_nothing(tmp_path: Path) -> None:
+    reader = Reader(network(tmp_path / "n.onnx"))
+    inputs = lesson(0.3).inputs[0].astype(np.float32)
+    row = FEATURES.index("log_sigma")
+    for sigma_px, speaks in ((0.05, True), (0.5, False)):
+        inputs[row] = np.log(sigma_px / SMALL_PX)
+        opinion = reader.read(inputs)
+        assert opinion.measured.any() == speaks
+        assert opinion.llr(reader.calibration()).any() == speaks
+    inputs[FEATURES.index("visible")] = 0
+    assert not reader.read(inputs).measured.any()
 
 
 def test_a_network_may_say_nothing_of_its_response(tmp_path: Path) -> None:

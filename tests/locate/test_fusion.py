@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from locate.decide import hidden_note
+from detect.registered.detector import silent
+from locate.decide import hidden_note, silence_notes
 from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import score, spine, without
@@ -323,3 +324,12 @@ def test_best_interval_is_the_largest_run_sum() -> None:
     evidence = np.array([-1, 2, 3, -1, 2, -9, 4], np.float32)[:, None, None]
     total, first, last = best_interval(evidence)
     assert (total.item(), first.item(), last.item()) == (6, 1, 4)
+
+
+def test_frames_that_the_network_is_silent_of_are_counted() -> None:
+    mute = silent((4, 6))
+    seen = replace(mute, llr=np.ones((4, 6), np.float32))
+    (note,) = silence_notes([mute, seen, mute], "registered+dybs")
+    assert note.startswith("2 of 3 frames")
+    assert silence_notes([seen], "registered") == []
+    assert silence_notes([mute], "registered-plain") == []
