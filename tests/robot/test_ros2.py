@@ -313,7 +313,7 @@ def test_stop_and_start(robot: Robot) -> None:
     assert robot.call("stop").success
     for i in range(5):
         robot.image.publish(robot.image_message(NS + i))
-    robot.spin(lambda: robot.locate._ignored == 5)
+    robot.spin(lambda: robot.locate.control.health().values["ignored_while_stopped"] == 5)
     assert robot.call("start").success
     assert robot.counts.images == 0
     robot.image.publish(robot.image_message(2 * NS))
