@@ -7,7 +7,7 @@ says where a plume is but what it does to the light.
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
-from locate.simulation.scene import Cylinder, Plume, Point, Scene, SceneObject
+from locate.simulation.scene import Cylinder, Plume, Point, Scene
 
 PLUME_FREE = 0.4
 TWO = 0.3
@@ -34,11 +34,10 @@ def strayed(plant: Scene, amplitude_px: float, *, plume: bool | None = None) -> 
     about = np.array(sources[0] if sources else (*rng.uniform(-1, 1, 2), 1.0))
     x, y, z = about + rng.normal(0, (0.6, 0.6, 0.3)) + (0, 0, 0.6)
     path = plant.path.model_copy(update={"target": (float(x), float(y), float(max(z, 0.6)))})
-    objects = (*plant.objects, *nozzles)
     wind = plant.random(16).normal(0, 0.2, 2)
     return plant.model_copy(
         update={
-            "objects": objects,
+            "objects": (*plant.objects, *nozzles),
             "plumes": plumes,
             "path": path,
             "wind_mps": (float(wind[0]), float(wind[1])),
@@ -46,7 +45,7 @@ def strayed(plant: Scene, amplitude_px: float, *, plume: bool | None = None) -> 
     )
 
 
-def _nozzle(rng: np.random.Generator) -> SceneObject:
+def _nozzle(rng: np.random.Generator) -> Cylinder:
     """A pipe that ends in the open."""
     x, y = rng.uniform(-YARD_M, YARD_M, 2)
     height, radius = rng.uniform(0.3, 2.5), rng.uniform(0.05, 0.15)
@@ -55,14 +54,13 @@ def _nozzle(rng: np.random.Generator) -> SceneObject:
     )
 
 
-def _sources(rng: np.random.Generator, nozzles: list[SceneObject]) -> list[Point]:
+def _sources(rng: np.random.Generator, nozzles: list[Cylinder]) -> list[Point]:
     """One place or two: an exit of a nozzle, the ground, or somewhere in the air."""
     x, y = rng.uniform(-YARD_M, YARD_M, 2)
     first: Point = (x, y, float(rng.uniform(0.02, 3.0) * (rng.random() < 0.7)))
     if rng.random() < AT_NOZZLE:
-        nozzle = nozzles[0]
-        assert isinstance(nozzle, Cylinder)
-        first = (nozzle.end[0], nozzle.end[1], nozzle.end[2])
+        x, y, z = nozzles[0].end
+        first = (x, y, z)
     if rng.random() > TWO:
         return [first]
     turn, gap_m = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 2.0)
