@@ -46,6 +46,8 @@ class PoolConfig(_Settings):
         photos: That the scenes of the lessons are made of; plants where left out. Beside the
             folders of samples.
         leaks: Where the plumes of those scenes leave.
+        rough: Whether those photos are filmed as by people who never thought of refraction.
+        photo_set: Folder of posed photos that the lessons are made of instead.
         recipe: What they are rendered from where they are missing; from where the config stands.
         measured: A folder of rendered samples, where these are what waves and edges say of them.
     """
@@ -57,6 +59,14 @@ class PoolConfig(_Settings):
     seeds: tuple[tuple[int, int], ...] | None = Field(default=None, min_length=1)
     photos: Path | None = None
     leaks: Leaks = "nozzle"
+    rough: bool = False
+    photo_set: Path | None = None
+
+    @model_validator(mode="after")
+    def _photos_where_rough(self) -> Self:
+        if self.rough and self.photos is None:
+            raise ValueError("rough lessons are made of photos; name their folder")
+        return self
 
     def all_seeds(self) -> list[int]:
         """Of the lessons, in order; empty where the pool is of samples."""
@@ -234,6 +244,7 @@ class TrainConfig(_Settings):
                 update={
                     "folder": data / pool.folder,
                     "photos": None if pool.photos is None else data / pool.photos,
+                    "photo_set": None if pool.photo_set is None else data / pool.photo_set,
                     "recipe": None if pool.recipe is None else here / pool.recipe,
                     "measured": None if pool.measured is None else data / pool.measured,
                 }
@@ -282,6 +293,10 @@ class TrainConfig(_Settings):
             plain["seeds"] = seeds
         if leaks := {name: pool.leaks for name, pool in pools.items() if pool.leaks != "nozzle"}:
             plain["leaks"] = leaks
+        if rough := sorted(name for name, pool in pools.items() if pool.rough):
+            plain["rough"] = rough
+        if sets := {name: pool.photo_set.name for name, pool in pools.items() if pool.photo_set}:
+            plain["photo_sets"] = sets
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
 
     def to_plain(self) -> dict[str, Any]:

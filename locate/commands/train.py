@@ -17,8 +17,7 @@ from locate.commands.console import Output, err, out
 from locate.journal import interruptible, progress_bars
 
 if TYPE_CHECKING:
-    from detect.learning.config import TrainConfig
-    from detect.registered.lessons import Leaks
+    from detect.learning.config import PoolConfig, TrainConfig
 
 Report = Callable[[str, float], None]
 
@@ -95,22 +94,24 @@ def render_missing_lessons(config: "TrainConfig", *, report: Report, processes: 
             continue
         pool.folder.mkdir(parents=True, exist_ok=True)
         split: Split = "validation" if name == config.validation else "train"
-        photos = None if pool.photos is None else photos_in(pool.photos, split)
-        render = partial(_render_lesson, pool.folder, photos, pool.leaks)
+        photos = () if pool.photos is None else photos_in(pool.photos, split)
+        render = partial(_render_lesson, pool, photos)
         with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
             for done, _ in enumerate(workers.map(render, seeds), 1):
                 report(f"lessons: {name}", done / len(seeds))
 
 
-def _render_lesson(folder: Path, photos: Sequence[Path] | None, leaks: "Leaks", seed: int) -> None:
+def _render_lesson(pool: "PoolConfig", photos: Sequence[Path], seed: int) -> None:
     import cv2
 
     from detect.registered.lessons import lesson_path
     from locate.simulation.lessons import make_lesson
-    from locate.simulation.make_lessons import write_photo_lessons
+    from locate.simulation.make_lessons import write_photo_lessons, write_set_lessons
 
     cv2.setNumThreads(1)
-    if photos is None:
-        make_lesson(seed, leaks).save(lesson_path(folder, seed))
+    if pool.photo_set is not None:
+        write_set_lessons(pool.photo_set, [seed], pool.folder)
+    elif photos:
+        write_photo_lessons(photos, [seed], pool.folder, leaks=pool.leaks, rough=pool.rough)
     else:
-        write_photo_lessons(photos, [seed], folder, leaks=leaks)
+        make_lesson(seed, pool.leaks).save(lesson_path(pool.folder, seed))

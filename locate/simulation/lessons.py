@@ -18,6 +18,8 @@ from locate.simulation.filming import Footage, Take, film
 from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import spoiled
 from locate.simulation.photo_scenes import photo_take
+from locate.simulation.rough import POSE_ERROR_DEG as ROUGH_ERROR_DEG
+from locate.simulation.rough import roughened
 from locate.simulation.scene import CameraBlock, PathBlock, Scene
 from locate.simulation.strays import strayed
 
@@ -76,6 +78,7 @@ def make_photo_lesson(
     leaks: Leaks = "nozzle",
     plume: bool | None = None,
     nuisances: Sequence[str] = (),
+    rough: bool = False,
 ) -> Lesson:
     """A lesson before photos.
 
@@ -85,15 +88,20 @@ def make_photo_lesson(
         leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seed.
         nuisances: Their names.
+        rough: Whether it is filmed as `locate.simulation.rough` says, its poses worse.
     """
     scene = lesson_scene(seed, leaks=leaks, plume=plume)
-    take = spoiled(photo_take(scene, photos), nuisances, scene.random(24))
-    return measured(film(take), scene.random(13))
+    take = photo_take(scene, photos)
+    if rough:
+        error_deg = log_uniform(scene.random(27), ROUGH_ERROR_DEG)
+        return measured(film(roughened(take)), scene.random(13), error_deg)
+    return measured(film(spoiled(take, nuisances, scene.random(24))), scene.random(13))
 
 
-def measured(footage: Footage, rng: np.random.Generator) -> Lesson:
-    """Measures key frames of a footage, poses a little wrong."""
-    frames = Frames(images=footage.images, trajectory=disturbed(footage.trajectory, rng))
+def measured(footage: Footage, rng: np.random.Generator, error_deg: float | None = None) -> Lesson:
+    """Measures key frames of a footage, poses a little wrong; by how much, as `disturbed` says."""
+    poses = disturbed(footage.trajectory, rng, error_deg)
+    frames = Frames(images=footage.images, trajectory=poses)
     keys = np.linspace(ENDS, len(frames) - 1 - ENDS, KEY_FRAMES).round().astype(int)
     return lesson_of(frames, footage, [int(key) for key in keys])
 

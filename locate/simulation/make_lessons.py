@@ -24,6 +24,8 @@ from locate.simulation.nuisances import some_nuisances
 from locate.simulation.photos import PhotoSet
 from locate.simulation.set_lessons import make_set_lesson
 
+LESSONS_A_FLOW = 4
+
 
 def write_photo_lessons(
     photos: Sequence[Path],
@@ -33,6 +35,7 @@ def write_photo_lessons(
     leaks: Leaks = "nozzle",
     plume: bool | None = None,
     nuisances: Sequence[str] | None = None,
+    rough: bool = False,
 ) -> None:
     """Writes the lessons of those seeds that are missing.
 
@@ -43,14 +46,17 @@ def write_photo_lessons(
         leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seeds.
         nuisances: Their names; None draws a few for each lesson.
+        rough: Whether they are filmed as `locate.simulation.rough` says, with its own nuisances.
     """
     for seed in seeds:
         if lesson_path(folder, seed).exists():
             continue
-        drawn = some_nuisances(lesson_scene(seed).random(25))
+        drawn = () if rough else some_nuisances(lesson_scene(seed).random(25))
         names = drawn if nuisances is None else nuisances
-        lesson = make_photo_lesson(seed, photos, leaks=leaks, plume=plume, nuisances=names)
-        about = {"leaks": leaks, "nuisances": list(names)}
+        lesson = make_photo_lesson(
+            seed, photos, leaks=leaks, plume=plume, nuisances=names, rough=rough
+        )
+        about = {"leaks": leaks, "nuisances": list(names), "rough": rough}
         keep(lesson, folder, seed, {"kind": "photos", **about})
 
 
@@ -59,13 +65,13 @@ def write_set_lessons(photo_set: Path, seeds: Sequence[int], folder: Path) -> No
 
     Args:
         photo_set: What `PhotoSet.load` reads.
-        seeds: One a lesson; the first is also that of the flow.
+        seeds: One a lesson; `LESSONS_A_FLOW` after each other share a flow.
         folder: Made where it is missing.
     """
     photos = PhotoSet.load(photo_set)
     for seed in seeds:
         if not lesson_path(folder, seed).exists():
-            lesson = make_set_lesson(photos, seed, flow_seed=seeds[0])
+            lesson = make_set_lesson(photos, seed, flow_seed=seed // LESSONS_A_FLOW)
             keep(lesson, folder, seed, {"kind": "set", "set": photo_set.name})
 
 
@@ -87,6 +93,7 @@ def main() -> None:
     photos.add_argument("--split", choices=("train", "validation", "test"), default="train")
     photos.add_argument("--leaks", choices=("nozzle", "anywhere"), default="nozzle")
     photos.add_argument("--nuisances", nargs="*", default=None, help="instead of a random few")
+    photos.add_argument("--rough", action="store_true", help="filmed carelessly")
     photos.add_argument("--plume", choices=("yes", "no"), default=None)
     sets = kinds.add_parser("sets")
     sets.add_argument("--set", type=Path, required=True, help="folder of photos with their poses")
@@ -113,6 +120,7 @@ def _write(arguments: argparse.Namespace) -> None:
         leaks=arguments.leaks,
         plume=None if arguments.plume is None else arguments.plume == "yes",
         nuisances=arguments.nuisances,
+        rough=arguments.rough,
     )
 
 

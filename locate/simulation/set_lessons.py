@@ -29,10 +29,14 @@ PHOTOS_A_SECOND = 5.0
 LEAST_FACTOR = 2
 ONE_FINER = 0.3
 """How often a photo is reduced by one less than it could be for a frame of a lesson's size."""
+AS_IT_IS = 0.6
+"""How many of the sets without a plume are not reduced."""
+TRIES, WINDOWS = 6, 3
+CENTRAL = 0.25
 
 
 def make_set_lesson(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> Lesson:
-    """A lesson of a photo set.
+    """A lesson of a photo set: several windows of each of its key frames.
 
     Args:
         photos: The set; poses of its own structure from motion are errors enough.
@@ -43,12 +47,15 @@ def make_set_lesson(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> Lesso
     photos = _scaled(photos, rng)
     most = min(n // side for n, side in zip(_size(photos.trajectory), SIDE_PX, strict=True))
     factor = max(LEAST_FACTOR, most - int(rng.random() < ONE_FINER))
+    plume_free = rng.random() < PLUME_FREE
+    if plume_free and rng.random() < AS_IT_IS:
+        factor = 1
     trajectory = output_trajectory(photos.trajectory, factor, PHOTOS_A_SECOND)
     scene = Scene(
         seed=seed,
         video=VideoBlock(frames=len(photos.paths), fps=PHOTOS_A_SECOND),
         image=ImageBlock(noise=log_uniform(rng, NOISE)),
-        plumes=() if rng.random() < PLUME_FREE else (_plume(photos, trajectory, rng, flow_seed),),
+        plumes=() if plume_free else (_plume(photos, trajectory, rng, flow_seed),),
     )
     footage = _filmed(scene, photos, trajectory, factor)
     frames = Frames(images=footage.images, trajectory=footage.trajectory)
@@ -60,10 +67,12 @@ def _filmed(scene: Scene, photos: PhotoSet, trajectory: Trajectory, factor: int)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
     renderer = OntoRenderer(trajectory, photos, fields)
     truths = [renderer.truth(i) for i in range(len(trajectory))]
-    images = [
-        displace(_straight(photos, i), truth.displacement, factor, scene.image, scene.random(4, i))
-        for i, truth in enumerate(truths)
-    ]
+    images = [_straight(photos, i) for i in range(len(photos.paths))]
+    if factor > 1:
+        images = [
+            displace(image, truth.displacement, factor, scene.image, scene.random(4, i))
+            for i, (image, truth) in enumerate(zip(images, truths, strict=True))
+        ]
     amplitude_px = max(renderer.amplitudes_px, default=0.0)
     return Footage(images=images, truths=truths, trajectory=trajectory, amplitude_px=amplitude_px)
 
@@ -109,32 +118,30 @@ def _plume(
 def _place(
     points_in_world: FloatArray, trajectory: Trajectory, i: int, rng: np.random.Generator
 ) -> FloatArray:
-    """(3,) in front of a random one of the points in the middle of frame `i`."""
+    """(3,) in front of a random one of the points in the middle of frame `i`, or the next to it."""
     pixels = trajectory.project(i, points_in_world)
-    size = np.array(_size(trajectory))
-    central = ((pixels > 0.25 * size) & (pixels < 0.75 * size)).all(axis=1)
+    aside = np.nan_to_num(np.abs(pixels / _size(trajectory) - 0.5).max(axis=1), nan=np.inf)
+    central = aside <= max(CENTRAL, aside.min())
     point = points_in_world[rng.choice(np.flatnonzero(central))]
     center = trajectory.centers_in_world[i]
     return np.asarray(center + rng.uniform(*DEPTH_SHARE) * (point - center))
 
 
 def _cropped(lesson: Lesson, rng: np.random.Generator) -> Lesson:
-    """A window of the size of other lessons, with as much plume as one of a few tries has."""
+    """Windows of the size of other lessons, those of some random ones that have the most plume."""
     width, height = SIDE_PX
     size = np.abs(lesson.displacements).max(axis=-1).astype(np.float32)
     spare_y, spare_x = size.shape[1] - height, size.shape[2] - width
-
-    def share(corner: tuple[int, int]) -> float:
-        y, x = corner
-        return float(size[:, y : y + height, x : x + width].sum())
-
-    tries = [(int(rng.integers(spare_y + 1)), int(rng.integers(spare_x + 1))) for _ in range(4)]
-    y, x = max(tries, key=share)
-    window = (slice(y, y + height), slice(x, x + width))
+    tries = np.stack(
+        [rng.integers(spare_y + 1, size=TRIES), rng.integers(spare_x + 1, size=TRIES)], axis=1
+    )
+    windows = [np.s_[y : y + height, x : x + width] for y, x in tries.tolist()]
+    shares = [float(size[:, *window].sum()) for window in windows]
+    chosen = [windows[i] for i in np.argsort(shares)[-WINDOWS:]]
     return Lesson(
-        inputs=lesson.inputs[:, :, *window],
-        displacements=lesson.displacements[:, *window],
-        surface=lesson.surface[:, *window],
+        inputs=np.concatenate([lesson.inputs[:, :, *window] for window in chosen]),
+        displacements=np.concatenate([lesson.displacements[:, *window] for window in chosen]),
+        surface=np.concatenate([lesson.surface[:, *window] for window in chosen]),
         amplitude_px=lesson.amplitude_px,
     )
 

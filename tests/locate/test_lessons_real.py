@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from detect.registered.features import FEATURES
+from detect.registered.features import FEATURES, SMALL_PX
 from detect.registered.lessons import Lesson, lesson_path, lesson_paths
 from geometry.errors import BadInputError
 from geometry.pose_files import write_colmap_model
@@ -15,6 +15,7 @@ from locate.simulation.lessons import lesson_scene, make_photo_lesson
 from locate.simulation.paths import fly
 from locate.simulation.photo_scenes import photo_take
 from locate.simulation.photos import PhotoSet
+from locate.simulation.rough import roughened
 from locate.simulation.scene import CameraBlock, PathBlock, Plume, Scene, VideoBlock
 from locate.simulation.set_lessons import make_set_lesson
 
@@ -64,6 +65,36 @@ def test_scenes_of_photos_keep_the_camera_and_share_flows(photos: tuple[Path, ..
     assert len({take.cards[0].photo for take in (photo_take(s, photos) for s in scenes)}) > 1
 
 
+def test_rough_takes_stride_wider_and_shake_more(photos: tuple[Path, ...]) -> None:
+    takes = [photo_take(lesson_scene(seed), photos) for seed in range(300, 330)]
+    rough = [roughened(take) for take in takes]
+    assert [one.scene.path for one in rough] == [roughened(take).scene.path for take in takes]
+    assert {one.scene.path.kind for one in rough} == {"approach", "handheld", "lawn_mower"}
+    assert all(one.scene.path.jitter_m >= 0.02 for one in rough)
+    rounds = [
+        (one.scene.path.arc_deg, take.scene.path.arc_deg)
+        for one, take in zip(rough, takes, strict=True)
+        if one.scene.path.kind == "handheld"
+    ]
+    assert np.mean([a for a, _ in rounds]) > 1.5 * np.mean([b for _, b in rounds])
+    assert all(one.scene.plumes == take.scene.plumes for one, take in zip(rough, takes, strict=True))
+    assert any(one.coding for one in rough)
+    assert any(not one.shutter.instant for one in rough)
+
+
+@pytest.mark.usefixtures("small")
+def test_a_rough_lesson_is_registered_worse(photos: tuple[Path, ...]) -> None:
+    def sigma_px(lesson: Lesson) -> float:
+        channel = lesson.inputs[:, FEATURES.index("log_sigma")].astype(float)
+        return float(np.median(SMALL_PX * np.exp(channel)))
+
+    pairs = [
+        (make_photo_lesson(seed, photos, plume=False, rough=rough) for rough in (False, True))
+        for seed in (5, 6, 7)
+    ]
+    assert np.mean([sigma_px(rough) / sigma_px(calm) for calm, rough in pairs]) > 1.2
+
+
 def posed_set(folder: Path) -> Path:
     """Photos of a wall of noise that faces the cameras, with its points."""
     camera = CameraBlock(width=256, height=192, focal_px=220.0)
@@ -101,7 +132,7 @@ def test_a_set_without_a_plume_is_a_negative(
     monkeypatch.setattr(set_lessons, "PLUME_FREE", 1.0)
     lesson = make_set_lesson(photo_set, 1)
     assert lesson.inputs.shape[1:] == (len(FEATURES), SIDE_PX[1], SIDE_PX[0])
-    assert len(lesson) >= 3
+    assert len(lesson) >= 3 * set_lessons.WINDOWS
     assert lesson.surface.all()
     assert not lesson.displacements.any()
     assert lesson.amplitude_px == 0
