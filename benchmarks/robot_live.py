@@ -12,6 +12,7 @@ at: what they cost does not depend on what else the machine does.
 
 import argparse
 import json
+import os
 import resource
 import time
 from collections.abc import Iterator
@@ -22,10 +23,9 @@ import cv2
 import numpy as np
 
 from detect.detection import Detection, Detector, Frames
-from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.trajectory import Trajectory
-from locate.detectors import registered_weights
+from locate.detectors import make_detector
 from locate.robot import Locator, Settings
 from locate.sample import SAMPLE, SAMPLE_VIDEO
 from locate.video import open_recording
@@ -61,9 +61,21 @@ def drive(truth: Trajectory) -> Iterator[tuple[GreyImage, FloatArray]]:
         yield images[row], pose
 
 
+def processes() -> list[Path]:
+    """This one, and the one that searches."""
+    children = [path.read_text().split() for path in Path("/proc/self/task").glob("*/children")]
+    return [Path("/proc/self"), *(Path("/proc", pid) for pids in children for pid in pids)]
+
+
 def resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    pages = sum(int((path / "statm").read_text().split()[1]) for path in processes())
     return pages * resource.getpagesize() / 1e6
+
+
+def cpu_s() -> float:
+    """Of all processes: fields 14 and 15 of stat, behind the name in brackets."""
+    told = [(path / "stat").read_text().rpartition(")")[2].split() for path in processes()]
+    return sum(int(words[11]) + int(words[12]) for words in told) / os.sysconf("SC_CLK_TCK")
 
 
 def quantiles(values: list[float]) -> str:
@@ -78,7 +90,8 @@ def live(locator: Locator, truth: Trajectory, seconds: float) -> list[float]:
     feeding_ms: list[float] = []
     latency_s: list[float] = []
     memory_mb: list[float] = []
-    started, cpu = time.monotonic(), time.process_time()
+    first_s: dict[str, float] = {}
+    started, cpu = time.monotonic(), cpu_s()
     for count, (image, pose) in enumerate(drive(truth)):
         due = started + count / RATE_HZ
         time.sleep(max(0.0, due - time.monotonic()))
@@ -88,15 +101,17 @@ def live(locator: Locator, truth: Trajectory, seconds: float) -> list[float]:
         news = locator.feed(image, pose, COVARIANCE, round((now - started) * NS))
         feeding_ms.append(1e3 * (time.monotonic() - now))
         latency_s += [time.monotonic() - started - update.stamp_ns / NS for update in news]
+        for update in news:
+            first_s.setdefault(update.state, round(time.monotonic() - started, 1))
         if count % max(round(seconds * RATE_HZ / 10), 1) == 0:
             memory_mb.append(resident_mb())
-    spent, cpu = time.monotonic() - started, time.process_time() - cpu
+    spent, cpu = time.monotonic() - started, cpu_s() - cpu
     counts = locator.counts
     print(f"fed {counts.images / spent:.1f}/s, key frames {counts.key_frames / spent:.2f}/s")
     print(f"looked at {counts.looked_at / spent:.2f}/s, dropped {counts.dropped}")
     print(f"{cpu / spent:.2f} cores")
     print(f"feed, ms: {quantiles(feeding_ms)}")
-    print(f"stamp to update, s: {quantiles(latency_s)}")
+    print(f"stamp to update, s: {quantiles(latency_s)}; first, s: {first_s}")
     return memory_mb
 
 
@@ -133,27 +148,36 @@ def main() -> None:
     parser.add_argument("--replay", type=int, default=0, metavar="KEY_FRAMES")
     parser.add_argument("--width", type=int, default=Settings().width_px)
     parser.add_argument("--neighbours", type=int, default=Settings().neighbours)
+    parser.add_argument("--lookers", type=int, default=Settings().lookers)
+    parser.add_argument("--spacing", type=float, default=Settings().spacing)
     parser.add_argument("--lag", type=int, default=Settings().lag)
     parser.add_argument("--plain", action="store_true", help="judge by hand, not by the network")
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     truth = Trajectory.from_dict(json.loads((SAMPLE / "truth.json").read_text()))
-    weights = None if arguments.plain else registered_weights()
-    detector = Timed(RegisteredDetector(neighbours=arguments.neighbours, weights=weights))
-    settings = Settings(width_px=arguments.width, lag=arguments.lag)
-    cpu = time.process_time()
+    settings = Settings(
+        width_px=arguments.width,
+        neighbours=arguments.neighbours,
+        lag=arguments.lag,
+        spacing=arguments.spacing,
+        lookers=arguments.lookers,
+    )
+    name = "registered-plain" if arguments.plain else "registered"
+    timed = Timed(make_detector(name, neighbours=arguments.neighbours))
+    detector = timed if arguments.plain or arguments.replay else None
+    started_s = cpu_s()
     with Locator(
         truth.camera, settings=settings, detector=detector, threaded=not arguments.replay
     ) as locator:
         if arguments.replay:
             memory_mb = replay(locator, truth, arguments.replay)
+            look_s = np.array(timed.cpu_s)
+            rest_s = (cpu_s() - started_s - look_s.sum()) / len(look_s)
+            print(f"{name}, CPU s a key frame: p50 {np.median(look_s):.2f} to look at it,")
+            print(f"  {rest_s:.2f} for all else: searches, following, intake")
         else:
             memory_mb = live(locator, truth, arguments.seconds)
-    looked_at = max(len(detector.cpu_s), 1)
-    rest_s = (time.process_time() - cpu - sum(detector.cpu_s)) / looked_at
-    print(f"{detector.name}, CPU s a key frame: p50 {np.median(detector.cpu_s):.2f} to look at it,")
-    print(f"  {rest_s:.2f} for all else: searches, following, intake")
     print(f"memory, MB, by tenths: {' '.join(f'{mb:.0f}' for mb in memory_mb)}")
     print(locator.counts)
     for plume in locator.plume_map().plumes:

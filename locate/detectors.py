@@ -20,6 +20,7 @@ CLUTTER_NATS = 5.0
 def make_detector(
     name: str,
     *,
+    neighbours: int = 8,
     points_in_world: FloatArray | None = None,
     reference: GreyImage | None = None,
     weights: Path | None = None,
@@ -29,6 +30,7 @@ def make_detector(
     Args:
         name: ``registered``, ``registered-plain``, ``bos``, ``dybs``, or two of them. The first is
             learned where weights are installed, the second always judges by hand.
+        neighbours: How many other frames ``registered`` compares each with.
         points_in_world: (N, 3) sparse points of the scene, for ``registered``.
         reference: The view without plume, for ``bos``.
         weights: An .onnx file for ``dybs``, or for ``registered`` alone; None takes what is
@@ -39,14 +41,18 @@ def make_detector(
     """
     first, _, second = name.partition("+")
     if second:
-        helped = make_detector(first, points_in_world=points_in_world, reference=reference)
+        helped = make_detector(
+            first, neighbours=neighbours, points_in_world=points_in_world, reference=reference
+        )
         return FusedDetector(helped, make_detector(second, weights=weights))
     if name == "bos":
         return BosDetector(reference=reference)
     if name == "dybs":
         return single_frame_detector(weights)
     network = None if name == PLAIN else registered_weights(weights)
-    return RegisteredDetector(points_in_world=points_in_world, weights=network)
+    return RegisteredDetector(
+        neighbours=neighbours, points_in_world=points_in_world, weights=network
+    )
 
 
 def single_frame_detector(weights: Path | None) -> Detector:

@@ -1,7 +1,7 @@
 """`locate robot`: plumes found live on a robot."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,10 @@ WidthPx = Annotated[
 Neighbours = Annotated[
     int | None,
     typer.Option(help="Key frames that each is compared with; else 8, fewer are faster."),
+]
+Lookers = Annotated[
+    int | None,
+    typer.Option(help="Key frames looked at at the same time, each by its own processor; else 1."),
 ]
 Rectified = Annotated[bool, typer.Option("--rectified", help="The images are rectified already.")]
 
@@ -107,6 +111,7 @@ def dds(
     ] = None,
     width_px: WidthPx = None,
     neighbours: Neighbours = None,
+    lookers: Lookers = None,
 ) -> None:
     """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""
     from locate.robot.dds import OUTPUT, DdsNode, TopicNames
@@ -121,7 +126,7 @@ def dds(
         body_frame=body_frame,
         pose_source=source,
         rectified=rectified,
-        settings=_settings(width_px=width_px, neighbours=neighbours),
+        settings=_settings(width_px=width_px, neighbours=neighbours, lookers=lookers),
     )
     names = TopicNames(image=image_topic, camera_info=info_topic, pose=pose_topic or "")
     node = DdsNode(Wire(domain), wiring, names, output=output or OUTPUT)
@@ -134,12 +139,8 @@ def dds(
         node.close()
 
 
-def _settings(*, width_px: int | None, neighbours: int | None) -> "Settings":
+def _settings(**asked: Any) -> "Settings":
     """The locator's settings, with what was asked for."""
     from locate.robot.settings import Settings
 
-    usual = Settings()
-    return Settings(
-        width_px=usual.width_px if width_px is None else width_px,
-        neighbours=usual.neighbours if neighbours is None else neighbours,
-    )
+    return Settings(**{name: value for name, value in asked.items() if value is not None})

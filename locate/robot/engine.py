@@ -1,7 +1,6 @@
 """Looks at one key frame after the other; decides by the evidence of the last what is there."""
 
 import threading
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -11,26 +10,21 @@ from detect.registered.detector import silent
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.grid import lever_gate
-from locate.detectors import clutter_nats
 from locate.fusion.column import HEIGHT, spine
-from locate.fusion.fuse import fuse
-from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
 from locate.fusion.views import Views
 from locate.plume import Plume
 from locate.robot.drift import SharedError
 from locate.robot.follower import Follower
 from locate.robot.poses import as_trajectory
+from locate.robot.search import Searcher
 from locate.robot.settings import Settings
 from locate.robot.tracks import Span, State, Tracks, Update, as_column
 from locate.robot.window import EvidenceWindow, FrameWindow, Task
 
-CANDIDATE_FALSE_ALARM = 0.3
 FEWEST_VIEWS = 4
 FEWEST_LOOKS = 3
 SHARE_IN_SIGHT = 0.6
 SPINE_POINTS = 9
-NULL_GROWTH = 2.0
-NOTHING_BY_CHANCE = NullLevel(strongest=np.zeros(0), location=0.0, scale=1.0)
 BACKGROUND_STEP = 16
 NEW_SHARE = 0.3
 
@@ -38,11 +32,11 @@ NEW_SHARE = 0.3
 class Engine:
     """The part of a `Locator` that computes.
 
-    One thread may look at frames while another decides; neither waits for the other, save at
-    the end of a window.
+    Some threads may look at frames while another decides; none waits for the other, save at the
+    end of a window.
 
     Args:
-        detector: Looks at the frames.
+        searcher: Finds plumes in what was seen.
         settings: How much is kept, and how often is decided.
 
     Attributes:
@@ -51,32 +45,33 @@ class Engine:
         background_in_world: (N, 3) points of the scene that the window looks at.
     """
 
-    def __init__(self, detector: Detector, settings: Settings) -> None:
-        self._detector = detector
+    def __init__(self, searcher: Searcher, settings: Settings) -> None:
+        self._searcher = searcher
         self._settings = settings
-        self._rng = np.random.default_rng(settings.seed)
         self.tracks = Tracks(independent=not settings.drift)
         self.inverse_depth = 1 / settings.expected_range_m
         self.background_in_world = np.zeros((0, 3))
         self._evidence = EvidenceWindow(most=settings.views_kept)
-        self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
         self._undecided = 0
         self._window: FrameWindow | None = None
         self._followers: list[Follower] = []
         self._adding, self._deciding = threading.Lock(), threading.Lock()
 
-    def look(self, task: Task) -> list[Update]:
+    def look(self, task: Task, detector: Detector) -> list[Update]:
         """Looks at a key frame, keeps what it saw, and follows the plumes that are known.
 
         A frame in which the detector finds nothing to measure says nothing. The first frame of
-        another window ends what was summed so far; the tracks stay.
+        another window ends what was summed so far; the tracks stay. A frame of a window that has
+        ended meanwhile is not kept.
         """
-        news = self._begin(task.window) if task.window is not self._window else []
+        news = self._begin(task.window)
         try:
-            detection = self._detector.detect(task.frames, task.row)
+            detection = detector.detect(task.frames, task.row)
         except BadInputError:
             detection = silent(task.key.image.shape)
         with self._adding:
+            if task.window is not self._window:
+                return news
             self._evidence.add(task, detection)
             self._undecided += 1
             news += self._follow(task.key.number)
@@ -87,15 +82,21 @@ class Engine:
         return news
 
     def _begin(self, window: FrameWindow) -> list[Update]:
-        """Decides on what the last window left, and begins another."""
+        """Where this window is a new one: decides on what the last left, and begins it."""
+        if not self._is_new(window):
+            return []
         news = self.decide()
         with self._deciding, self._adding:
-            self._window, self._undecided = window, 0
-            self._evidence.clear()
-            self._followers.clear()
-            self._null.clear()
-            self.tracks.settle()
+            if self._is_new(window):
+                self._window, self._undecided = window, 0
+                self._evidence.clear()
+                self._followers.clear()
+                self._searcher.forget()
+                self.tracks.settle()
         return news
+
+    def _is_new(self, window: FrameWindow) -> bool:
+        return self._window is None or window.first > self._window.first
 
     @property
     def due(self) -> bool:
@@ -104,7 +105,10 @@ class Engine:
         return self._undecided >= enough
 
     def decide(self) -> list[Update]:
-        """Fuses the window and follows the plumes, where enough views are there and one is new."""
+        """Fuses the window and follows the plumes, where enough views are there and one is new.
+
+        Views that came in meanwhile are followed up; of each plume only the latest is said.
+        """
         with self._deciding:
             with self._adding:
                 evidence, undecided = self._evidence.copy(), self._undecided
@@ -119,54 +123,21 @@ class Engine:
         if np.isnan(views.unit):
             return []
         self.background_in_world = views.background_in_world(step=BACKGROUND_STEP)
-        plumes = self._searched(views)
+        followers = self._searcher.search(views, poses, shared)
         span = Span(
             first=numbers[0], last=numbers[-1], stamp_ns=max(pose.stamp_ns for pose in poses)
         )
-        followers = [
-            Follower(plume, views, poses, shared, most=self._settings.views_kept)
-            for plume in plumes
-        ]
         with self._adding:
             news = self.tracks.update(
-                [_with_shared(plume, shared) for plume in plumes],
+                [_with_shared(follower.plume, shared) for follower in followers],
                 span,
                 unit=views.unit,
                 looked_at=lambda plume: looks(views, as_column(plume)) >= FEWEST_LOOKS,
             )
             self._followers = followers
             later = [number for number in self._evidence.numbers if number > span.last]
-            return news + [update for number in later for update in self._follow(number)]
-
-    def _searched(self, views: Views) -> tuple[Plume, ...]:
-        """The plumes of the window, strongest first.
-
-        Where the detector's own clutter sets the level, what chance makes is drawn only once
-        something stands above that.
-        """
-        clutter = clutter_nats(self._detector.name) * len(views)
-
-        def search(null: NullLevel) -> tuple[Plume, ...]:
-            return fuse(
-                views,
-                seed=self._settings.seed,
-                null=null,
-                most_false_alarm=CANDIDATE_FALSE_ALARM,
-                least_nats=clutter,
-            ).plumes
-
-        if not clutter:
-            return search(self._null_level(views))
-        found = search(NOTHING_BY_CHANCE)
-        if not found:
-            return ()
-        null = self._null_level(views)
-        level = null.threshold(CANDIDATE_FALSE_ALARM)
-        return tuple(
-            replace(plume, probability=1 - null.false_alarm(plume.evidence_nats))
-            for plume in found
-            if plume.evidence_nats >= level
-        )
+            news += [update for number in later for update in self._follow(number)]
+            return list({update.plume.id: update for update in news}.values())
 
     def _follow(self, number: int) -> list[Update]:
         """What a key frame adds to what is known of the plumes that the last decision found."""
@@ -183,19 +154,6 @@ class Engine:
                     looked_at=lambda _plume: False,
                 )
         return news
-
-    def _null_level(self, views: Views) -> NullLevel:
-        """What chance makes of the window: one new draw a decision, all anew while it grows.
-
-        Draws of far fewer views than there are now would set the level too low.
-        """
-        count, box = len(views), views.volume()
-        while self._null and self._null[0][0] * NULL_GROWTH < count:
-            self._null.popleft()
-        missing = max(self._settings.null_draws - len(self._null), 1)
-        for _ in range(missing):
-            self._null.append((count, draw_strongest(views, box, views.unit, self._rng)))
-        return NullLevel.fitted([strength for _, strength in self._null])
 
     @property
     def confirmed(self) -> list[Plume]:

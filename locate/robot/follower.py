@@ -51,6 +51,7 @@ class Follower:
         most: How many views are kept.
 
     Attributes:
+        plume: As given.
         shared: As given.
         unit: The yardstick of fusion, m.
     """
@@ -64,7 +65,7 @@ class Follower:
         *,
         most: int,
     ) -> None:
-        self._plume = plume
+        self.plume = plume
         self.shared = shared
         self.unit = views.unit
         self._camera = views.trajectory.camera
@@ -120,11 +121,11 @@ class Follower:
         """The plume, moved and made surer or less sure as its axis was since the search."""
         before, covariance_before = first.at(self._height)
         after, covariance_after = now.at(self._height)
-        rest = _positive(self._plume.source_covariance - covariance_before)
-        views = {*self._plume.views, *(g.number for g in self._glimpses if len(g.sightings))}
+        rest = _positive(self.plume.source_covariance - covariance_before)
+        views = {*self.plume.views, *(g.number for g in self._glimpses if len(g.sightings))}
         return replace(
-            self._plume,
-            source=self._plume.source + after - before,
+            self.plume,
+            source=self.plume.source + after - before,
             source_covariance=covariance_after + rest,
             axis=now.direction,
             axis_sigma_rad=now.direction_sigma_rad,

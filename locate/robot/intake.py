@@ -136,7 +136,10 @@ class Intake:
 
     def _begin_window(self) -> None:
         self.frames = FrameWindow(
-            self.lens.pinhole, most=self._settings.frames_kept, lag=self._settings.lag
+            self.lens.pinhole,
+            first=self._number,
+            most=self._settings.frames_kept,
+            lag=self._settings.lag,
         )
         self._last_pose: StampedPose | None = None
         self._last_key: StampedPose | None = None

@@ -2,24 +2,27 @@
 
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
 from detect.detection import Detector
-from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from locate import __version__
-from locate.detectors import registered_weights
+from locate.detectors import make_detector
 from locate.plume import PlumeMap
+from locate.robot.apart import AVAILABLE, LEARNED, DetectorApart, SearchApart
 from locate.robot.engine import Engine
 from locate.robot.intake import Counts, Intake
 from locate.robot.next_view import Suggestion, rank
 from locate.robot.poses import UNKNOWN, StampedPose
+from locate.robot.search import Search, Searcher
 from locate.robot.settings import Settings
 from locate.robot.tracks import State, Update
 from locate.robot.window import Task
@@ -34,12 +37,14 @@ class Locator:
     """Finds plumes while a robot moves.
 
     Feed it images and poses as they come; it never blocks on the detector, which works in a
-    thread of its own and drops what it cannot get to; another thread decides. World: metric, Z up.
+    thread of its own and drops what it cannot get to, nor on searches, which another process does.
+    World: metric, Z up.
 
     Args:
         camera: That takes the images.
         settings: How much is kept, and how often is decided.
-        detector: None takes ``registered``, see `locate.detectors`, with the settings' neighbours.
+        detector: Of your own, which one thread uses; None takes ``registered``, see
+            `locate.detectors`, with the settings' neighbours, in as many processes as they say.
         threaded: False looks at frames inside `feed`, and drops none: for recordings.
     """
 
@@ -52,17 +57,25 @@ class Locator:
         threaded: bool = True,
     ) -> None:
         self.settings = settings or Settings()
-        self._detector = detector or RegisteredDetector(
-            neighbours=self.settings.neighbours, weights=registered_weights()
+        neighbours = self.settings.neighbours
+        self._detector = detector or make_detector(LEARNED, neighbours=neighbours)
+        processes = threaded and AVAILABLE
+        more = self.settings.lookers - 1 if processes and detector is None else 0
+        self._helpers = [DetectorApart(self._detector, neighbours) for _ in range(more)]
+        self._searcher: Searcher = (SearchApart if processes else Search)(
+            self._detector.name, self.settings
         )
         self._outbox: deque[Update] = deque(maxlen=MOST_NEWS)
         self._changed = threading.Condition()
-        self._looking = self._deciding = self._ending = self._closing = False
+        self._looking = 0
+        self._deciding = self._pausing = self._ending = self._closing = False
         self._begin(camera)
         self._threaded = threaded
+        detectors: list[Detector] = [self._detector, *self._helpers]
+        work: list[Callable[[], None]] = [partial(self._keep_looking, one) for one in detectors]
         self._threads = [
-            threading.Thread(target=work, name="locate", daemon=True)
-            for work in ((self._keep_looking, self._keep_deciding) if threaded else ())
+            threading.Thread(target=task, name="locate", daemon=True)
+            for task in ([*work, self._keep_deciding] if threaded else ())
         ]
         for thread in self._threads:
             thread.start()
@@ -176,17 +189,22 @@ class Locator:
     def reset(self) -> None:
         """Forgets everything, the plumes too."""
         with self._changed:
+            self._pausing = True
             self._changed.wait_for(lambda: not self._looking and not self._deciding)
+            self._pausing = False
             self._outbox.clear()
             self._begin(self._intake.lens.camera)
 
     def close(self) -> None:
-        """Ends the threads; what they are at is finished first."""
+        """Ends the threads, when they have done what they are at, and the processes."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         for thread in self._threads:
             thread.join()
+        self._searcher.close()
+        for helper in self._helpers:
+            helper.close()
 
     def __enter__(self) -> Self:
         return self
@@ -201,19 +219,19 @@ class Locator:
 
     def _begin(self, camera: Camera) -> None:
         self._intake = Intake(camera, self.settings)
-        self._engine = Engine(self._detector, self.settings)
+        self._engine = Engine(self._searcher, self.settings)
 
     def _idle(self) -> bool:
         return not self._looking and not self._deciding and not self._intake.frames.waiting
 
     def _take(self) -> Task | None:
-        if self._looking:
+        if self._pausing:
             return None
         return self._intake.frames.take(
             newest=self._threaded and not self._ending, ending=self._ending
         )
 
-    def _keep_looking(self) -> None:
+    def _keep_looking(self, detector: Detector) -> None:
         """A thread: looks at one key frame after the other."""
         while True:
             with self._changed:
@@ -222,33 +240,41 @@ class Locator:
                     self._changed.wait()
                 if task is None:
                     return
-                self._looking = True
-            self._look(task)
+                self._looking += 1
+            self._look(task, detector)
 
     def _keep_deciding(self) -> None:
-        """A thread: decides whenever enough has been seen, and on the rest after a while."""
+        """A thread: decides whenever enough has been seen, and on the rest after a while.
+
+        It rests as long as it worked: searches take half a processor at most.
+        """
+        rest_s = 0.0
         while True:
             with self._changed:
+                self._changed.wait_for(lambda: self._closing, rest_s)
                 self._changed.wait_for(lambda: self._closing or self._engine.due, AT_LEAST_EVERY_S)
                 if self._closing:
                     return
                 self._deciding = True
+            started = time.monotonic()
             self._decide()
+            rest_s = time.monotonic() - started
 
     def _work_here(self) -> None:
         """Looks at all frames that are ready, and decides, where no thread does."""
         while not self._threaded and (task := self._take()) is not None:
-            self._look(task)
+            self._looking += 1
+            self._look(task, self._detector)
             if self._engine.due:
                 self._decide()
 
-    def _look(self, task: Task) -> None:
-        self.counts.looked_at += 1
-        news = self._guarded(lambda: self._engine.look(task))
+    def _look(self, task: Task, detector: Detector) -> None:
+        news = self._guarded(lambda: self._engine.look(task, detector))
         with self._changed:
+            self.counts.looked_at += 1
             self._intake.inverse_depth = self._engine.inverse_depth
             self._outbox.extend(news)
-            self._looking = False
+            self._looking -= 1
             self._changed.notify_all()
 
     def _decide(self) -> None:

@@ -51,16 +51,19 @@ class FrameWindow:
 
     Args:
         camera: The pinhole of the undistorted frames.
+        first: Number of its first key frame: the later a window, the larger.
         most: How many are kept.
         lag: A frame is looked at once so many have followed it: the detector wants neighbours on
             both sides.
 
     Attributes:
         camera: As given.
+        first: As given.
     """
 
-    def __init__(self, camera: Camera, *, most: int, lag: int) -> None:
+    def __init__(self, camera: Camera, *, first: int, most: int, lag: int) -> None:
         self.camera = camera
+        self.first = first
         self._lag = lag
         self._keys: deque[KeyFrame] = deque(maxlen=most)
         self._waiting: set[int] = set()

@@ -13,7 +13,10 @@ from locate.fusion.fuse import fuse
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
 from locate.robot import Locator, Settings, State, Update
-from locate.robot.poses import NS
+from locate.robot.engine import Engine
+from locate.robot.poses import NS, UNKNOWN, StampedPose
+from locate.robot.search import Search
+from locate.robot.window import FrameWindow, KeyFrame
 from locate.simulation.evidence import Truth
 from tests.robot.drive import BLANK, Oracle, moments
 
@@ -128,7 +131,7 @@ def test_chance_is_drawn_only_for_what_stands_above_a_networks_clutter(
         draws.append(10.0 + len(draws))
         return draws[-1]
 
-    monkeypatch.setattr("locate.robot.engine.draw_strongest", drawn)
+    monkeypatch.setattr("locate.robot.search.draw_strongest", drawn)
     shown = views if plume else replace(views, llr=np.full_like(views.llr, -0.5))
     learned = Oracle(shown)
     learned.name = "registered"
@@ -174,6 +177,27 @@ def test_jump_of_the_world_begins_a_new_window(views: Views) -> None:
         locator.feed(BLANK, pose, None, moment.stamp_ns)
     assert locator.counts.jumps == 1
     assert len(locator._intake.frames) == 6
+
+
+def test_frame_of_a_window_that_has_ended_is_not_kept(views: Views) -> None:
+    camera = views.trajectory.camera
+    engine = Engine(Search("oracle", QUICK), QUICK)
+    stamped = [
+        StampedPose(stamp_ns=m.stamp_ns, world_from_cam=m.world_from_cam, covariance=UNKNOWN)
+        for m in moments(views)
+    ]
+    tasks = []
+    for first in (0, 6):
+        window = FrameWindow(camera, first=first, most=6, lag=0)
+        for number in range(first, first + 6):
+            window.add(KeyFrame(number=number, image=BLANK, pose=stamped[number]))
+        tasks += [window.take(newest=False), window.take(newest=False)]
+    detector = Oracle(views)
+    for turn in (0, 2, 1, 3):
+        task = tasks[turn]
+        assert task is not None
+        engine.look(task, detector)
+    assert engine._evidence.numbers == [6, 7]
 
 
 def test_clock_that_goes_back_begins_anew(views: Views) -> None:

@@ -1,0 +1,168 @@
+"""What takes long, in processes of its own: feeding, following and publishing do not wait for it.
+
+A process of `multiprocessing` would run the robot's own program again, which need not be written
+for that; so these are of Python alone, each joined by a pipe that only the two ends can write to.
+"""
+
+import os
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any
+
+import cv2
+
+from detect.detection import Detection, Detector, Frames
+from geometry.errors import BadInputError
+from locate.detectors import make_detector
+from locate.fusion.views import Views
+from locate.robot.drift import SharedError
+from locate.robot.follower import Follower
+from locate.robot.poses import StampedPose
+from locate.robot.search import Search
+from locate.robot.settings import Settings
+
+ASKED, TOLD = True, False
+AVAILABLE = os.name == "posix"
+LEARNED = "registered"
+PROGRAM = f"from {__name__} import main; main()"
+
+
+class Apart:
+    """An object in a process of its own; where that dies, another is begun.
+
+    Args:
+        make: Makes the object; importable by its name.
+        given: What `make` is given.
+        named: Likewise, by name.
+    """
+
+    def __init__(self, make: Callable[..., Any], *given: Any, **named: Any) -> None:
+        self._making = make, given, named
+        self._start()
+
+    def ask(self, method: str, *given: Any) -> Any:
+        """What the object's method answers.
+
+        Raises:
+            BadInputError: As the method does.
+            RuntimeError: It failed in another way, or its process died; the message says how.
+        """
+        try:
+            self._pipe.send((ASKED, method, given))
+            answer = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            self.close()
+            self._start()
+            raise RuntimeError(f"the process of {self._making[0].__name__} died") from error
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def tell(self, method: str, *given: Any) -> None:
+        """Calls the object's method and does not wait for it; a failure is not heard of."""
+        with suppress(OSError):
+            self._pipe.send((TOLD, method, given))
+
+    def close(self) -> None:
+        """Ends the process, whatever it is at."""
+        self._pipe.close()
+        self._process.kill()
+        self._process.wait()
+
+    def _start(self) -> None:
+        """Starts the process, where the keys that interrupt the robot's program do not reach."""
+        self._pipe, theirs = Pipe()
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-c", PROGRAM, str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+                process_group=0,
+            )
+        self._pipe.send(self._making)
+
+
+class SearchApart:
+    """A `locate.robot.search.Searcher` in another process.
+
+    Args:
+        detector: As of `Search`.
+        settings: As of `Search`.
+    """
+
+    def __init__(self, detector: str, settings: Settings) -> None:
+        self._search = Apart(Search, detector, settings)
+
+    def search(
+        self, views: Views, poses: Sequence[StampedPose], shared: SharedError
+    ) -> list[Follower]:
+        """See `Searcher`; raises as `Apart.ask`."""
+        return list(self._search.ask("search", views, poses, shared))
+
+    def forget(self) -> None:
+        """See `Searcher`."""
+        self._search.tell("forget")
+
+    def close(self) -> None:
+        """See `Searcher`."""
+        self._search.close()
+
+
+class DetectorApart:
+    """The learned detector in another process; see `detect.detection.Detector`.
+
+    Args:
+        like: The same in this process.
+        neighbours: As of `make_detector`.
+
+    Attributes:
+        name: As of a `Detector`.
+        response: As of a `Detector`.
+    """
+
+    def __init__(self, like: Detector, neighbours: int) -> None:
+        self.name, self.response = like.name, like.response
+        self._detector = Apart(make_detector, LEARNED, neighbours=neighbours)
+
+    def detect(self, frames: Frames, index: int) -> Detection:
+        """See `Detector`; raises as `Apart.ask`."""
+        found: Detection = self._detector.ask("detect", frames, index)
+        return found
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._detector.close()
+
+
+def serve(pipe: Connection) -> None:
+    """Makes the object and calls its methods until the other side is gone."""
+    with suppress(EOFError, OSError):
+        make, given, named = pipe.recv()
+        thing = make(*given, **named)
+        while True:
+            asked, method, given = pipe.recv()
+            answer = _answer(getattr(thing, method), given)
+            if asked:
+                pipe.send(answer)
+
+
+def _answer(call: Callable[..., Any], given: Sequence[Any]) -> Any:
+    """What the call returns, or what it raises."""
+    try:
+        return call(*given)
+    except BadInputError as error:
+        return error
+    except Exception:
+        return RuntimeError(traceback.format_exc())
+
+
+def main() -> None:
+    """Such a process; its pipe is the file descriptor that it was told."""
+    cv2.setNumThreads(1)
+    with Connection(int(sys.argv[1])) as pipe:
+        serve(pipe)

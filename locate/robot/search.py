@@ -1,0 +1,118 @@
+"""Searches a window of evidence for plumes; in a process of its own where nobody is to wait."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from locate.detectors import clutter_nats
+from locate.fusion.fuse import fuse
+from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
+from locate.fusion.views import Views
+from locate.plume import Plume
+from locate.robot.drift import SharedError
+from locate.robot.follower import Follower
+from locate.robot.poses import StampedPose
+from locate.robot.settings import Settings
+
+CANDIDATE_FALSE_ALARM = 0.3
+NULL_GROWTH = 2.0
+NOTHING_BY_CHANCE = NullLevel(strongest=np.zeros(0), location=0.0, scale=1.0)
+
+
+class Searcher(Protocol):
+    """Finds the plumes of one window after the other."""
+
+    def search(
+        self, views: Views, poses: Sequence[StampedPose], shared: SharedError
+    ) -> list[Follower]:
+        """The plumes of a window, strongest first, ready to be followed.
+
+        Args:
+            views: The evidence; the covariances of its poses are without what they share.
+            poses: Those of the views, with their whole covariances.
+            shared: What they share.
+        """
+        ...
+
+    def forget(self) -> None:
+        """Another window begins: what chance made of the last says nothing of it."""
+        ...
+
+    def close(self) -> None:
+        """Ends what works for it."""
+        ...
+
+
+class Search:
+    """A `Searcher` that works where it is called.
+
+    Args:
+        detector: Name of the one that the evidence is from.
+        settings: How much is kept, and how much is drawn.
+    """
+
+    def __init__(self, detector: str, settings: Settings) -> None:
+        self._detector = detector
+        self._settings = settings
+        self._rng = np.random.default_rng(settings.seed)
+        self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
+
+    def search(
+        self, views: Views, poses: Sequence[StampedPose], shared: SharedError
+    ) -> list[Follower]:
+        """See `Searcher`."""
+        most = self._settings.views_kept
+        return [Follower(plume, views, poses, shared, most=most) for plume in self._plumes(views)]
+
+    def forget(self) -> None:
+        """See `Searcher`."""
+        self._null.clear()
+
+    def close(self) -> None:
+        """Nothing works for it."""
+
+    def _plumes(self, views: Views) -> tuple[Plume, ...]:
+        """The plumes of the window, strongest first.
+
+        Where the detector's own clutter sets the level, what chance makes is drawn only once
+        something stands above that.
+        """
+        clutter = clutter_nats(self._detector) * len(views)
+
+        def fused(null: NullLevel) -> tuple[Plume, ...]:
+            return fuse(
+                views,
+                seed=self._settings.seed,
+                null=null,
+                most_false_alarm=CANDIDATE_FALSE_ALARM,
+                least_nats=clutter,
+            ).plumes
+
+        if not clutter:
+            return fused(self._null_level(views))
+        found = fused(NOTHING_BY_CHANCE)
+        if not found:
+            return ()
+        null = self._null_level(views)
+        level = null.threshold(CANDIDATE_FALSE_ALARM)
+        return tuple(
+            replace(plume, probability=1 - null.false_alarm(plume.evidence_nats))
+            for plume in found
+            if plume.evidence_nats >= level
+        )
+
+    def _null_level(self, views: Views) -> NullLevel:
+        """What chance makes of the window: one new draw a search, all anew while it grows.
+
+        Draws of far fewer views than there are now would set the level too low.
+        """
+        count, box = len(views), views.volume()
+        while self._null and self._null[0][0] * NULL_GROWTH < count:
+            self._null.popleft()
+        missing = max(self._settings.null_draws - len(self._null), 1)
+        for _ in range(missing):
+            self._null.append((count, draw_strongest(views, box, views.unit, self._rng)))
+        return NullLevel.fitted([strength for _, strength in self._null])

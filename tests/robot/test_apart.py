@@ -1,0 +1,128 @@
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from detect.detection import Frames
+from geometry.errors import BadInputError
+from locate.detectors import make_detector
+from locate.fusion.views import Views
+from locate.robot import Locator, Settings, State
+from locate.robot.apart import DetectorApart, SearchApart
+from locate.robot.drift import SharedError
+from locate.robot.poses import StampedPose
+from locate.robot.search import Search
+from locate.simulation.evidence import Truth
+from tests.robot.drive import BLANK, Oracle, moments
+
+QUICK = Settings(lag=2, views_kept=16, null_draws=2, drift=False)
+NOTHING_SHARED = SharedError.of([])
+
+
+@pytest.fixture
+def process() -> Iterator[SearchApart]:
+    process = SearchApart("oracle", QUICK)
+    yield process
+    process.close()
+
+
+@pytest.fixture(scope="module")
+def poses(views: Views) -> list[StampedPose]:
+    poses = []
+    for moment in moments(views):
+        assert moment.covariance is not None
+        poses.append(
+            StampedPose(
+                stamp_ns=moment.stamp_ns,
+                world_from_cam=moment.world_from_cam,
+                covariance=moment.covariance,
+            )
+        )
+    return poses
+
+
+def test_another_process_finds_what_this_one_finds(
+    process: SearchApart, views: Views, poses: list[StampedPose]
+) -> None:
+    (here,) = Search("oracle", QUICK).search(views, poses, NOTHING_SHARED)
+    process.forget()
+    (there,) = process.search(views, poses, NOTHING_SHARED)
+    np.testing.assert_array_equal(there.plume.source, here.plume.source)
+    np.testing.assert_array_equal(there.plume.source_covariance, here.plume.source_covariance)
+    assert there.plume.probability == here.plume.probability
+    assert there.span == here.span == (0, 11)
+
+
+def test_search_that_fails_says_how_and_goes_on(
+    process: SearchApart, views: Views, poses: list[StampedPose]
+) -> None:
+    with pytest.raises(RuntimeError, match=r"AttributeError.*no attribute 'taken_out'"):
+        process.search(views, poses, None)  # type: ignore[arg-type]
+    assert len(process.search(views, poses, NOTHING_SHARED)) == 1
+
+
+def test_process_that_died_is_begun_anew(
+    process: SearchApart, views: Views, poses: list[StampedPose]
+) -> None:
+    process._search._process.send_signal(signal.SIGKILL)
+    process._search._process.wait()
+    with pytest.raises(RuntimeError, match="died"):
+        process.search(views, poses, NOTHING_SHARED)
+    assert len(process.search(views, poses, NOTHING_SHARED)) == 1
+
+
+def test_detector_apart_sees_what_one_here_sees(views: Views) -> None:
+    camera = views.trajectory.camera.scaled(0.5)
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 255, (camera.height, camera.width), np.uint8) for _ in range(5)]
+    trajectory = replace(views.trajectory.take(range(5)), camera=camera)
+    frames = Frames(images=images, trajectory=trajectory)
+    detector = make_detector("registered", neighbours=2)
+    apart = DetectorApart(detector, 2)
+    try:
+        expected = detector.detect(frames, 2)
+        found = apart.detect(frames, 2)
+        np.testing.assert_array_equal(found.displacement, expected.displacement)
+        np.testing.assert_array_equal(found.llr, expected.llr)
+        assert np.isfinite(found.sigma_px).any()
+        with pytest.raises(BadInputError, match="takes camera poses"):
+            apart.detect(replace(frames, trajectory=None), 2)
+    finally:
+        apart.close()
+
+
+def test_several_look_at_once_and_none_is_left(views: Views) -> None:
+    rng = np.random.default_rng(0)
+    textured = rng.integers(0, 255, BLANK.shape, np.uint8)
+    settings = replace(QUICK, lookers=2, neighbours=2, frames_kept=20, views_a_decision=1000)
+    with Locator(views.trajectory.camera, settings=settings) as locator:
+        for moment in moments(views):
+            locator.feed(textured, moment.world_from_cam, moment.covariance, moment.stamp_ns)
+        locator.finish(timeout_s=60)
+        assert locator.counts.failures == 0
+        assert locator.counts.looked_at == locator.counts.key_frames == 12
+        assert len(locator._engine._evidence) == 12
+        processes = [locator._helpers[0]._detector._process, locator._searcher._search._process]
+    assert all(process.poll() is not None for process in processes)
+
+
+def test_process_ends_when_nobody_is_left_to_ask(process: SearchApart) -> None:
+    process._search._pipe.close()
+    assert process._search._process.wait(timeout=20) == 0
+
+
+def test_plume_is_confirmed_by_threads_and_a_process(views: Views, truth: Truth) -> None:
+    news = []
+    with Locator(views.trajectory.camera, settings=QUICK, detector=Oracle(views)) as locator:
+        for moment in moments(views):
+            news += locator.feed(
+                moment.image, moment.world_from_cam, moment.covariance, moment.stamp_ns
+            )
+        news += locator.finish(timeout_s=60)
+        assert locator.counts.failures == 0
+        (plume,) = locator.plume_map().plumes
+    assert news[-1].state is State.CONFIRMED
+    error = plume.source - truth.source
+    assert error @ np.linalg.solve(plume.source_covariance, error) < 16
