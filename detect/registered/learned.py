@@ -109,20 +109,40 @@ class Reader:
         return None if content is None else Response.from_plain(content, str(self.network.path))
 
     def read(self, inputs: FloatMap) -> Opinion:
-        """Looks at (C, H, W) features."""
+        """Looks at (C, H, W) features; the network is only asked where anything was measured."""
+        texture = feature(inputs, "log_texture")
+        places = places_of(texture, feature(inputs, "log_depth_edge"))
+        measured = _measured(inputs, texture)
+        if not measured.any():
+            return _no_opinion(places)
         maps = self.network(inputs)
         logit = maps["logit"][0]
-        texture = feature(inputs, "log_texture")
-        measured = (texture >= LEAST_TEXTURE) & (feature(inputs, "visible") >= LEAST_SEEN)
-        sigma_px = feature(inputs, "log_sigma")[measured]
-        registered = bool(sigma_px.size) and np.median(sigma_px) <= MOST_SIGMA_PX
         return Opinion(
             displacement=np.ascontiguousarray(maps["displacement"].transpose(1, 2, 0)),
             sigma_px=np.exp(maps["log_variance"][0] / 2),
             scores=np.stack([logit, np.logaddexp(0, logit - EXCESS_FROM)], axis=-1),
-            places=places_of(texture, feature(inputs, "log_depth_edge")),
-            measured=measured & registered,
+            places=places,
+            measured=measured,
         )
+
+
+def _measured(inputs: FloatMap, texture: FloatMap) -> BoolArray:
+    """(H, W) where features hold something; nowhere in a frame that is registered too badly."""
+    seen = (texture >= LEAST_TEXTURE) & (feature(inputs, "visible") >= LEAST_SEEN)
+    sigma_px = feature(inputs, "log_sigma")[seen]
+    registered = bool(sigma_px.size) and np.median(sigma_px) <= MOST_SIGMA_PX
+    return seen & registered
+
+
+def _no_opinion(places: Places) -> Opinion:
+    nothing = np.zeros((*places.shape, 2), np.float32)
+    return Opinion(
+        displacement=nothing,
+        sigma_px=np.full(places.shape, np.inf, np.float32),
+        scores=nothing,
+        places=places,
+        measured=np.zeros(places.shape, np.bool_),
+    )
 
 
 def places_of(texture: FloatMap, depth_edge_px: FloatMap) -> Places:

@@ -9,6 +9,7 @@ from detect.registered.lessons import Lesson
 from detect.synthesis.sample import log_uniform
 from detect.warp import sample
 from geometry.arrays import FloatArray, GreyImage
+from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.images import bending
@@ -42,7 +43,14 @@ def make_set_lesson(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> Lesso
         photos: The set; poses of its own structure from motion are errors enough.
         seed: Of everything but the flow.
         flow_seed: Of the flow, which costs most and may serve several lessons.
+
+    Raises:
+        BadInputError: The set has no sparse points, which say where its surfaces are.
     """
+    if not len(photos.points_in_world):
+        raise BadInputError(
+            f"{photos.paths[0].parent}: its poses come without sparse points; give a COLMAP model"
+        )
     rng = np.random.default_rng([seed, 31])
     photos = _scaled(photos, rng)
     most = min(n // side for n, side in zip(_size(photos.trajectory), SIDE_PX, strict=True))

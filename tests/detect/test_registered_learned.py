@@ -9,6 +9,7 @@ import pytest
 from detect.calibration import Calibration, Scale
 from detect.learning.augmentation import augment
 from detect.learning.config import Augmentation, PoolConfig, TrainConfig
+from detect.network import Network
 from detect.registered import RegisteredDetector
 from detect.registered.calibrate import calibrate, main, read_lesson
 from detect.registered.features import FEATURES, SMALL_PX, Plain, feature, features
@@ -207,14 +208,20 @@ def test_the_network_says_where_and_the_measurement_how_much(
     assert not detection.llr[measured & ~rich].any()
 
 
-def test_a_badly_registered_frame_says_nothing(tmp_path: Path) -> None:
+def test_a_badly_registered_frame_says_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     reader = Reader(network(tmp_path / "n.onnx"))
+    asked = []
+    call = Network.__call__
+    monkeypatch.setattr(Network, "__call__", lambda *given: asked.append(1) or call(*given))
     inputs = lesson(0.3).inputs[0].astype(np.float32)
     row = FEATURES.index("log_sigma")
     for sigma_px, speaks in ((0.05, True), (0.5, False)):
         inputs[row] = np.log(sigma_px / SMALL_PX)
         opinion = reader.read(inputs)
         assert opinion.measured.any() == speaks
+        assert len(asked) == 1
         assert opinion.llr(reader.calibration()).any() == speaks
     inputs[FEATURES.index("visible")] = 0
     assert not reader.read(inputs).measured.any()

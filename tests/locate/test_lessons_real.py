@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -77,7 +78,9 @@ def test_rough_takes_stride_wider_and_shake_more(photos: tuple[Path, ...]) -> No
         if one.scene.path.kind == "handheld"
     ]
     assert np.mean([a for a, _ in rounds]) > 1.5 * np.mean([b for _, b in rounds])
-    assert all(one.scene.plumes == take.scene.plumes for one, take in zip(rough, takes, strict=True))
+    assert all(
+        one.scene.plumes == take.scene.plumes for one, take in zip(rough, takes, strict=True)
+    )
     assert any(one.coding for one in rough)
     assert any(not one.shutter.instant for one in rough)
 
@@ -157,6 +160,11 @@ def test_a_plume_before_a_set_is_where_the_truth_says(
     there = np.linalg.norm(w, axis=-1) > 0.3
     assert there.any()
     assert np.corrcoef(seen[there].ravel(), w[there].ravel())[0, 1] > 0.5
+
+
+def test_a_set_without_points_is_refused(photo_set: PhotoSet) -> None:
+    with pytest.raises(BadInputError, match="without sparse points"):
+        make_set_lesson(replace(photo_set, points_in_world=np.empty((0, 3))), 1)
 
 
 def test_the_world_of_a_set_gets_the_size_of_a_scene(photo_set: PhotoSet) -> None:
