@@ -131,7 +131,7 @@ class Calibration:
         for k, name in enumerate(class_names):
             members = classes == k
             if name in self.scales and members.any():
-                llr[members] = np.clip(self.scales[name].llr(scores[members]), *most)
+                np.copyto(llr, self.scales[name].llr(scores).clip(*most), where=members)
         return llr
 
     def to_plain(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from detect.dybs.measure import Measured, measure
 from detect.network import Maps, Network
 from detect.response import Response
 from detect.texture import Classes, Texture, texture_classes
-from geometry.arrays import FloatMap, GreyImage
+from geometry.arrays import BoolArray, FloatMap, GreyImage
 from geometry.errors import BadInputError
 
 WHITE = 255.0
@@ -149,19 +149,36 @@ class DybsDetector:
             raise BadInputError(f"{weights}: calibrated for other scores; calibrate it anew")
 
     def detect(self, frames: Frames, index: int) -> Detection:
-        """Measures frame `index` by itself."""
-        return self.judge(self.eye.look(frames.images[index]))
+        """Measures frame `index` by itself; the network is asked where a class may speak."""
+        image = frames.images[index]
+        reading = Reading.of(image, self.eye.judge)
+        if not self._heard(reading.texture).any():
+            return silence(image.shape)
+        return self.judge(joined(self.eye.maps(image), reading))
 
     def judge(self, look: Look) -> Detection:
         """Turns scores into evidence, and silences the classes that say nothing."""
-        llr = self.calibration.llr(look.scores, look.texture, CLASS_NAMES)
-        heard = [CLASS_NAMES.index(name) for name in self.calibration.scales]
-        silent = ~np.isin(look.texture, heard)
+        heard = self._heard(look.texture)
+        displacement = look.displacement.copy()
+        displacement[~heard] = 0
         return Detection(
-            displacement=np.where(silent[..., None], np.float32(0), look.displacement),
-            sigma_px=np.where(silent, np.float32(np.inf), look.sigma_px),
-            llr=llr,
+            displacement=displacement,
+            sigma_px=np.where(heard, look.sigma_px, np.float32(np.inf)),
+            llr=self.calibration.llr(look.scores, look.texture, CLASS_NAMES),
         )
+
+    def _heard(self, texture: Classes) -> BoolArray:
+        """(H, W) where the calibration knows the class."""
+        return np.isin(texture, [CLASS_NAMES.index(name) for name in self.calibration.scales])
+
+
+def silence(shape: tuple[int, ...]) -> Detection:
+    """Of an image, (H, W), that has nothing to say anywhere."""
+    return Detection(
+        displacement=np.zeros((*shape, 2), np.float32),
+        sigma_px=np.full(shape, np.inf, np.float32),
+        llr=np.zeros(shape, np.float32),
+    )
 
 
 def joined(seen: Maps, reading: Reading) -> Look:
@@ -182,11 +199,12 @@ def joined(seen: Maps, reading: Reading) -> Look:
         where = np.isin(reading.texture, MEASURABLE)
         more = np.where(where, np.exp(-reading.says["log_variance"]), 0)
         judged = np.where(where, reading.says["logit"], 0)
-        share = (more / (certain + more))[..., None]
-        displacement = displacement + share * (reading.says["displacement"] - displacement)
+        share = np.asarray(more / (certain + more), dtype=np.float32)
+        step = reading.says["displacement"] - displacement
+        displacement = displacement + step * cv2.merge([share, share])
     return Look(
         displacement=displacement,
         sigma_px=np.asarray(1 / np.sqrt(certain + more), dtype=np.float32),
         texture=reading.texture,
-        scores=np.stack([seen["logit"], judged], axis=-1),
+        scores=cv2.merge([seen["logit"], judged]),
     )

@@ -34,23 +34,19 @@ def witness(
     return [x * x, x * y, y * y, np.minimum(variance - floor, ROUGHEST_PX**2)]
 
 
-def sound(displacement: FloatMap, sums: FloatMap) -> BoolArray:
+def sound(displacement: Sequence[FloatMap], sums: FloatMap) -> BoolArray:
     """(h, w) where the edges around may be believed.
 
     The limits were chosen on samples and photos of the training and the validation split.
 
     Args:
-        displacement: (h, w, 2) px, of the edges off straight lines.
-        sums: (h, w, 4) of `witness`, over each cell's points.
+        displacement: (2, h, w) px, of the edges off straight lines.
+        sums: (4, h, w) of `witness`, over each cell's points.
     """
-    still = np.linalg.norm(displacement, axis=-1) < STILL_PX
-    still_points = (sums[..., 0] + sums[..., 2]) * still
-    xx, xy, yy, rough, calm = np.moveaxis(
-        cv2.boxFilter(
-            np.dstack([sums, still_points]), -1, (WINDOW, WINDOW), borderType=cv2.BORDER_REFLECT
-        ),
-        -1,
-        0,
+    still_points = (sums[0] + sums[2]) * (np.hypot(*displacement) < STILL_PX)
+    xx, xy, yy, rough, calm = (
+        cv2.boxFilter(part, -1, (WINDOW, WINDOW), borderType=cv2.BORDER_REFLECT)
+        for part in (*sums, still_points)
     )
     points = xx + yy + EMPTY
     return np.asarray(

@@ -26,7 +26,6 @@ from geometry.errors import BadInputError
 SCHEMA = "locate.network/1"
 OPSET = 20
 MOST_STRIDES = 1 << 12
-KEPT_FIRST, KEPT_LAST = 2, 3
 SOME, CALIBRATION_SAMPLES, CALIBRATION_BATCH = 1024, 128, 8
 
 
@@ -107,8 +106,8 @@ def save(
 def quantise(path: Path, int8: Path, pool: Pool) -> Path:
     """Writes the int8 twin of an fp32 network, for masks.
 
-    Static, calibrated on samples spread over a pool; the first two and the last three
-    convolutions stay in fp32, which costs little and saves most of the loss.
+    Static, calibrated on samples spread over a pool; the first and the last convolution stay in
+    fp32, which costs little and saves most of the loss.
 
     Args:
         path: The fp32 .onnx file.
@@ -127,7 +126,7 @@ def quantise(path: Path, int8: Path, pool: Pool) -> Path:
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
             per_channel=True,
-            op_types_to_quantize=["Conv", "Add", "Resize"],
+            op_types_to_quantize=["Conv", "Relu", "Add", "Resize"],
             nodes_to_exclude=_kept(onnx.load(prepared)),
         )
         props = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
@@ -140,11 +139,10 @@ def quantise(path: Path, int8: Path, pool: Pool) -> Path:
 
 
 def _kept(model: onnx.ModelProto) -> list[str]:
-    """What stays in fp32: up to the second convolution, and from the third last on."""
+    """What stays in fp32: up to the first convolution, and from the last on."""
     nodes = list(model.graph.node)
-    places = [i for i, node in enumerate(nodes) if node.op_type == "Conv"]
-    first, last = places[KEPT_FIRST - 1], places[-KEPT_LAST]
-    return [node.name for i, node in enumerate(nodes) if i <= first or i >= last - 1]
+    first, *_, last = (i for i, node in enumerate(nodes) if node.op_type == "Conv")
+    return [node.name for i, node in enumerate(nodes) if not first < i < last]
 
 
 class _Maps(nn.Module):

@@ -162,3 +162,20 @@ def test_a_background_that_says_nothing_does_not_hide_among_others(
     labels = rng.random(20_000) < 0.1
     llr = np.where(families == 0, 3.0 * labels, 0) + rng.normal(0, 1, 20_000)
     assert (worst_family(llr, labels, families) > 0.6) == heard
+
+
+def test_the_network_is_asked_only_where_a_class_may_speak(
+    tmp_path: Path, half_lattice: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detector = DybsDetector(network(tmp_path / "n.onnx"))
+    noise = np.ascontiguousarray(half_lattice[:, 290:])
+    looked = detector.judge(detector.eye.look(noise))
+    asked = []
+    monkeypatch.setattr(detector.eye, "maps", asked.append)
+    seen = detector.detect(Frames(images=[noise]), 0)
+    assert not asked
+    for name in ("displacement", "sigma_px", "llr"):
+        np.testing.assert_array_equal(getattr(seen, name), getattr(looked, name))
+    with pytest.raises(TypeError):
+        detector.detect(Frames(images=[half_lattice]), 0)
+    assert len(asked) == 1
