@@ -32,6 +32,7 @@ from locate.video import open_recording
 
 RATE_HZ = 30
 SHOWN = 2
+SAMPLES = 60
 NS = 1_000_000_000
 SIGMAS = np.repeat([np.deg2rad(0.05), 0.005], 3)
 COVARIANCE = np.diag(SIGMAS**2)
@@ -86,7 +87,7 @@ def quantiles(values: list[float]) -> str:
 
 
 def live(locator: Locator, truth: Trajectory, seconds: float) -> list[float]:
-    """Feeds in real time; the memory every tenth of the time, MB."""
+    """Feeds in real time; the memory at `SAMPLES` times, MB."""
     feeding_ms: list[float] = []
     latency_s: list[float] = []
     memory_mb: list[float] = []
@@ -103,7 +104,7 @@ def live(locator: Locator, truth: Trajectory, seconds: float) -> list[float]:
         latency_s += [time.monotonic() - started - update.stamp_ns / NS for update in news]
         for update in news:
             first_s.setdefault(update.state, round(time.monotonic() - started, 1))
-        if count % max(round(seconds * RATE_HZ / 10), 1) == 0:
+        if count % max(round(seconds * RATE_HZ / SAMPLES), 1) == 0:
             memory_mb.append(resident_mb())
     spent, cpu = time.monotonic() - started, cpu_s() - cpu
     counts = locator.counts
@@ -116,19 +117,19 @@ def live(locator: Locator, truth: Trajectory, seconds: float) -> list[float]:
 
 
 def replay(locator: Locator, truth: Trajectory, key_frames: int) -> list[float]:
-    """Feeds until so many key frames have been looked at; the memory after each tenth, MB."""
+    """Feeds until so many key frames have been looked at; the memory at `SAMPLES` times, MB."""
     memory_mb: list[float] = []
     for count, (image, pose) in enumerate(drive(truth)):
         locator.feed(image, pose, COVARIANCE, count * NS // RATE_HZ)
         share = locator.counts.looked_at / key_frames
-        if share * 10 >= len(memory_mb):
+        if share * SAMPLES >= len(memory_mb):
             memory_mb.append(resident_mb())
         if share >= 1:
             return memory_mb
     return memory_mb
 
 
-def plotted(memory_mb: list[float]) -> str:
+def plotted(memory_mb: list[float], span: str) -> str:
     """The memory over the run as a drawing."""
     top = 1.2 * max(memory_mb)
     places = zip(np.linspace(50, 390, len(memory_mb)), memory_mb, strict=True)
@@ -137,8 +138,8 @@ def plotted(memory_mb: list[float]) -> str:
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 400 200" font-size="11">'
         '<path d="M50 20V180H390" fill="none" stroke="grey"/>'
         f'<polyline points="{line}" fill="none" stroke="crimson" stroke-width="2"/>'
-        f'<text x="4" y="24">{top:.0f} MB</text><text x="30" y="184">0</text>'
-        '<text x="200" y="196">time</text></svg>\n'
+        f'<text x="4" y="24">{top:.0f} MB</text><text x="40" y="184">0</text>'
+        f'<text x="390" y="196" text-anchor="end">{span}</text></svg>\n'
     )
 
 
@@ -178,12 +179,14 @@ def main() -> None:
             print(f"  {rest_s:.2f} for all else: searches, following, intake")
         else:
             memory_mb = live(locator, truth, arguments.seconds)
-    print(f"memory, MB, by tenths: {' '.join(f'{mb:.0f}' for mb in memory_mb)}")
+    print(f"memory, MB, by tenths: {' '.join(f'{mb:.0f}' for mb in memory_mb[:: SAMPLES // 10])}")
     print(locator.counts)
     for plume in locator.plume_map().plumes:
         print(f"source {plume.source.round(2)}, sigma {plume.principal_sigmas[0]:.2f} m")
     if arguments.plot:
-        arguments.plot.write_text(plotted(memory_mb))
+        looked_at = f"{locator.counts.looked_at} key frames looked at"
+        span = looked_at if arguments.replay else f"{arguments.seconds / 60:.0f} min, {looked_at}"
+        arguments.plot.write_text(plotted(memory_mb, span))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from geometry.grid import EvidenceGrid
 from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
-from locate import __version__
+from locate import __version__, fusion
 from locate.detectors import clutter_nats
 from locate.fusion.bearings import find_bearings
 from locate.fusion.fuse import fuse
@@ -32,6 +32,7 @@ BLIND = (
     "that none was found says little here."
 )
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
+METHOD = (Path(__file__), Path(fusion.__file__).parent)  # a change here is a new decision
 
 
 def decide(

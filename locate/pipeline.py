@@ -13,9 +13,10 @@ from geometry.pose_files import read_named_poses
 from geometry.sfm import reconstruct
 from geometry.trajectory import Trajectory
 from locate.config import RunConfig
-from locate.decide import decide
+from locate.decide import METHOD, decide
 from locate.detectors import (
     PLAIN,
+    clutter_nats,
     files_of,
     found_weights,
     make_detector,
@@ -338,7 +339,12 @@ class Run:
             plume_map.save(folder / "map.json")
             return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
 
-        inputs = {"seed": self.config.seed, "notes": self._focal_notes()}
+        inputs = {
+            "seed": self.config.seed,
+            "notes": self._focal_notes(),
+            "method": [fingerprint_of(path) for path in METHOD],
+            "clutter_nats": clutter_nats(self._detector),
+        }
         self.folder.stage("fusion", after=("detections",), inputs=inputs, build=build)
 
     def _focal_notes(self) -> tuple[str, ...]:
@@ -352,16 +358,20 @@ class Run:
 
     def _publish(self, recorded: Recorded) -> None:
         self._report("report", -1)
-        self.folder.stage(
-            "report",
-            after=("fusion",),
-            inputs={},
-            build=lambda folder: publish(
+
+        def build(folder: Path) -> str:
+            said = publish(
                 self.root,
                 folder,
                 recorded,
                 stages=self.folder.times,
                 settings=self.config.to_plain(),
-            ),
-        )
+            )
+            if self._bag is not None and self.config.poses is None:
+                plume_map = PlumeMap.load(self.root / "map.json")
+                last = self._key_frames.frames[-1].source
+                said += ", plumes.mcap" * self._bag.write(plume_map, folder / "plumes", last)
+            return said
+
+        self.folder.stage("report", after=("fusion",), inputs={}, build=build)
         self._report("report", 1)

@@ -68,7 +68,8 @@ def bag(
 ) -> None:
     """Play a robot's recording into the locator: map.json, and plumes/plumes.mcap for a viewer."""
     from locate.export.table import map_table
-    from locate.robot.bags import Topics, locate_in_bag
+    from locate.robot.bag_playing import locate_in_bag
+    from locate.robot.bags import Topics
     from locate.robot.wiring import Wiring
 
     settings = _settings(width_px=width_px, neighbours=neighbours)

@@ -11,6 +11,8 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from locate.config import RunConfig
+from locate.plume import PlumeMap
+from locate.robot.bag_results import write_map
 from locate.robot.bags import BagTopics, Topics, is_bag, opened
 from locate.robot.codec import GreyReader, camera_from_info, stamp_ns
 from locate.robot.poses import NS, PoseBuffer, StampedPose, as_trajectory
@@ -101,6 +103,23 @@ class BagRecording:
             names=tuple(str(pose.stamp_ns) for pose in poses),
             path=self.path,
         )
+
+    def write(self, plume_map: PlumeMap, folder: Path, last: str) -> bool:
+        """Writes what a run found as a bag, in the world of this one's poses; see `write_map`.
+
+        Args:
+            plume_map: What it found.
+            folder: The new bag.
+            last: Name of the last frame.
+
+        Returns:
+            False where this bag holds no poses: then the map is in no frame of the robot's.
+        """
+        with opened(self.path) as reader:
+            posed = BagTopics(reader, self.path, self.topics, whole=False).pose is not None
+        if posed:
+            write_map(folder, plume_map, frame_id=self.wiring.world_frame, stamp_ns=int(last))
+        return posed
 
     def _images(self, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
         """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""

@@ -1,4 +1,4 @@
-"""Recordings of robots (ROS 2 .mcap and .db3, ROS 1 .bag): played, and what was found written."""
+"""Recordings of robots (ROS 2 .mcap and .db3, ROS 1 .bag), opened, and their messages by topic."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -6,18 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from detect.detection import Detector
 from geometry.errors import BadInputError
-from locate.journal import Report, silent
-from locate.plume import PlumeMap
-from locate.robot.announcer import Announcer, type_of
-from locate.robot.feeder import Feeder
-from locate.robot.messages import Messages
-from locate.robot.tracks import Update
 from locate.robot.wiring import PoseSource, Wiring
-from locate.run_folder import remove
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -74,42 +64,6 @@ def opened(path: Path) -> Iterator["AnyReader"]:
         raise BadInputError(f"{path}: not a bag that can be read ({error})") from error
     with closing(reader):
         yield reader
-
-
-def locate_in_bag(
-    path: Path,
-    output: Path,
-    *,
-    topics: Topics,
-    wiring: Wiring,
-    detector: Detector | None = None,
-    report: Report = silent,
-) -> PlumeMap:
-    """Plays a bag into a `Locator`; writes map.json and a bag of what it said, plumes/plumes.mcap.
-
-    Args:
-        path: The bag.
-        output: A folder; made where it is missing.
-        topics: Of the bag.
-        wiring: How the robot's frames hang together; its pose source is set by `topics`.
-        detector: None takes that of the `Locator`.
-        report: Told how far it is.
-
-    Raises:
-        BadInputError: The bag cannot be read, or does not hold what is needed.
-    """
-    with opened(path) as reader:
-        chosen = BagTopics(reader, path, topics)
-        feeder = Feeder(chosen.wired(wiring), detector=detector, threaded=False)
-        news = list(_play(chosen, feeder, report))
-        if feeder.locator is None or not feeder.locator.counts.key_frames:
-            raise BadInputError(f"{path}: nothing could be looked at ({feeder.trouble()})")
-        news += feeder.locator.finish()
-    output.mkdir(parents=True, exist_ok=True)
-    plume_map = feeder.locator.plume_map()
-    plume_map.save(output / "map.json")
-    write_updates(output / "plumes", news, frame_id=wiring.world_frame)
-    return plume_map
 
 
 class BagTopics:
@@ -206,69 +160,3 @@ class BagTopics:
             yield from self._reader.messages(connections=chosen)
         except Exception as error:  # as in `opened`
             raise BadInputError(f"{self._path}: damaged ({error})") from error
-
-
-def _play(topics: BagTopics, feeder: Feeder, report: Report) -> Iterator[Update]:
-    """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
-    assert topics.info is not None
-    takers: dict[str, Callable[[Any], None]] = {
-        topic: feeder.static_transforms if static else feeder.transforms
-        for topic, static in topics.transforms.items()
-    }
-    for topic, _, message in topics.messages(_static(topics), feeder.refuse):
-        takers[topic](message)
-    for _, _, message in topics.messages([topics.info], feeder.refuse):
-        feeder.info(message)
-        if feeder.locator is not None:
-            break
-    takers |= {topics.image: feeder.image, topics.info: feeder.info}
-    if topics.pose not in (None, "tf"):
-        takers[topics.pose] = feeder.body_pose
-    for topic, share, message in topics.messages(takers, feeder.refuse):
-        takers[topic](message)
-        report("bag", share)
-        if feeder.locator is not None:
-            yield from feeder.locator.updates()
-    report("bag", 1.0)
-
-
-def _static(topics: BagTopics) -> list[str]:
-    return [topic for topic, static in topics.transforms.items() if static]
-
-
-def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> Path:
-    """Writes a ROS 2 bag of markers, points and sources as MCAP; one that stands is replaced.
-
-    Args:
-        folder: The bag, a folder; the file in it has its name.
-        updates: In the order in which they became known.
-        frame_id: Of the world.
-
-    Returns:
-        The .mcap file.
-
-    Raises:
-        BadInputError: Something else stands there.
-    """
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    if folder.exists() and not is_bag(folder):
-        raise BadInputError(f"{folder}: is not a bag; remove it or choose another output")
-    types = get_typestore(Stores.LATEST)
-    messages = Messages(types.types.__getitem__, frame_id, octets=np.ascontiguousarray)
-    remove(folder)
-    connections: dict[str, Connection] = {}
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-
-        def write(name: str, message: Any, stamp_ns: int) -> None:
-            kind = type_of(name)
-            if name not in connections:
-                topic = f"/locate/{name}"
-                connections[name] = writer.add_connection(topic, kind, typestore=types)
-            writer.write(connections[name], stamp_ns, types.serialize_cdr(message, kind))
-
-        announcer = Announcer(messages, write)
-        for update in updates:
-            announcer.tell([update])
-    return folder / f"{folder.name}.mcap"

@@ -52,6 +52,35 @@ def region_of_interest(plume: Plume, origin: Georeference, *, system: int, compo
     )
 
 
+def landing_target(plume: Plume, *, time_us: int) -> Any:
+    """LANDING_TARGET: the source as a place to land; only for who asks, as nothing here sends it.
+
+    Only where the map's world is the autopilot's own local frame, turned from north-east-down to
+    east-north-up, as it is with ODOMETRY for poses.
+
+    Args:
+        plume: Whose source it is.
+        time_us: On the autopilot's clock.
+    """
+    east, north, up = plume.source.tolist()
+    return mavlink.MAVLink_landing_target_message(
+        time_usec=time_us,
+        target_num=plume.id,
+        frame=mavlink.MAV_FRAME_LOCAL_NED,
+        angle_x=0.0,
+        angle_y=0.0,
+        distance=0.0,
+        size_x=0.0,
+        size_y=0.0,
+        x=north,
+        y=east,
+        z=-up,
+        q=[1.0, 0.0, 0.0, 0.0],
+        type=mavlink.LANDING_TARGET_TYPE_VISION_OTHER,
+        position_valid=1,
+    )
+
+
 def plan(plumes: Sequence[Plume], origin: Georeference) -> dict[str, Any]:
     """A QGroundControl .plan: for each plume look at its source, then circle in its updraft.
 

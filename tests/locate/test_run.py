@@ -69,6 +69,16 @@ def test_second_run_skips_everything(finished: Path) -> None:
     assert (finished / "map.json").stat().st_mtime_ns == before
 
 
+def test_another_method_decides_anew(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stamp(stage: str) -> int:
+        return (finished / ".stages" / f"{stage}.json").stat().st_mtime_ns
+
+    before = {stage: stamp(stage) for stage in STAGES}
+    monkeypatch.setattr("locate.pipeline.METHOD", (Path(__file__),))
+    Run(RunConfig(recording=SAMPLE_VIDEO, max_frames=int(FRAMES)), finished).run()
+    assert [stage for stage in STAGES if stamp(stage) != before[stage]] == ["fusion", "report"]
+
+
 def stage_has_begun(log: Path, stage: str) -> bool:
     if not log.exists():
         return False

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("rosbags", reason="the extra `bag` is not installed")
 
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores
 
@@ -17,11 +18,15 @@ from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 from locate.config import RunConfig
 from locate.pipeline import Run
+from locate.plume import PlumeMap
 from locate.robot.bag_recording import BagRecording
 from locate.robot.bags import Topics
+from locate.robot.codec import stamp_ns
 from locate.robot.poses import NS
+from locate.robot.wiring import Wiring
 from locate.simulation.evidence import orbit
 from tests.robot.test_bags import MOUNT, Recorder
+from tests.robot.test_next_view import plume
 
 COUNT, RATE_HZ = 12, 10
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -153,6 +158,30 @@ def test_run_takes_camera_and_poses_of_the_bag(trajectory: Trajectory, tmp_path:
     np.testing.assert_allclose(found.rotations, trajectory.rotations[rows], atol=1e-9)
     assert found.covariances is not None
     np.testing.assert_allclose(np.diag(found.covariances[0])[:3], 1e-6, rtol=1e-6)
+
+
+@pytest.mark.parametrize("poses", [True, False])
+def test_what_was_found_is_a_bag_in_the_world_of_the_poses(
+    trajectory: Trajectory, tmp_path: Path, *, poses: bool
+) -> None:
+    topics = WITH_ODOMETRY if poses else Topics()
+    bag = BagRecording(
+        path=written(tmp_path, trajectory, poses=poses),
+        topics=topics,
+        wiring=Wiring(world_frame="odom"),
+    )
+    found = PlumeMap(units="m", gravity=True, detector="a", version="1", plumes=(plume(),))
+    assert bag.write(found, tmp_path / "plumes", str(stamp(11))) is poses
+    assert (tmp_path / "plumes" / "plumes.mcap").is_file() is poses
+    if not poses:
+        return
+    with AnyReader([tmp_path / "plumes"]) as reader:
+        told = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
+    leak = told[f"/locate/leak_{plume().id}"]
+    assert leak.header.frame_id == "odom"
+    assert stamp_ns(leak.header) == stamp(11)
+    assert leak.pose.pose.position.x == plume().source[0]
+    assert len(told["/locate/markers"].markers) > 1
 
 
 def test_what_is_not_in_the_bag_is_done_without(trajectory: Trajectory, tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ from geometry.errors import BadInputError
 from locate.fusion.views import Views
 from locate.plume import PlumeMap
 from locate.robot import Settings
-from locate.robot.bags import Topics, is_bag, locate_in_bag
+from locate.robot.bag_playing import locate_in_bag
+from locate.robot.bags import Topics, is_bag
 from locate.robot.poses import NS
 from locate.robot.wiring import Wiring
 from locate.simulation.evidence import Truth

@@ -16,7 +16,7 @@ from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
 from locate.robot import State, Update
 from locate.robot.autopilot import Autopilot, camera_pose
-from locate.robot.mavlink import plan, region_of_interest, status_text
+from locate.robot.mavlink import landing_target, plan, region_of_interest, status_text
 from tests.robot.test_next_view import plume
 
 ORIGIN = Georeference(lat_deg=47.4, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
@@ -162,6 +162,17 @@ def test_leak_reaches_the_other_end_of_a_link() -> None:
     finally:
         robot.close()
         ground.close()
+
+
+def test_landing_target_is_the_source_in_the_autopilots_local_frame() -> None:
+    sender = mavlink.MAVLink(None)
+    packed = landing_target(LEAK, time_us=7_000_000).pack(sender)
+    (message,) = mavlink.MAVLink(None).parse_buffer(packed)
+    assert message.get_type() == "LANDING_TARGET"
+    assert message.frame == mavlink.MAV_FRAME_LOCAL_NED
+    assert (message.x, message.y, message.z) == (50.0, 100.0, -3.0)
+    assert message.position_valid == 1
+    assert message.target_num == LEAK.id
 
 
 def test_plan_looks_at_each_leak_and_circles_above() -> None:

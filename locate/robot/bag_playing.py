@@ -1,0 +1,79 @@
+"""A robot's recording played into a `Locator`."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from detect.detection import Detector
+from geometry.errors import BadInputError
+from locate.journal import Report, silent
+from locate.plume import PlumeMap
+from locate.robot.bag_results import write_updates
+from locate.robot.bags import BagTopics, Topics, opened
+from locate.robot.feeder import Feeder
+from locate.robot.tracks import Update
+from locate.robot.wiring import Wiring
+
+
+def locate_in_bag(
+    path: Path,
+    output: Path,
+    *,
+    topics: Topics,
+    wiring: Wiring,
+    detector: Detector | None = None,
+    report: Report = silent,
+) -> PlumeMap:
+    """Plays a bag into a `Locator`; writes map.json and a bag of what it said, plumes/plumes.mcap.
+
+    Args:
+        path: The bag.
+        output: A folder; made where it is missing.
+        topics: Of the bag.
+        wiring: How the robot's frames hang together; its pose source is set by `topics`.
+        detector: None takes that of the `Locator`.
+        report: Told how far it is.
+
+    Raises:
+        BadInputError: The bag cannot be read, or does not hold what is needed.
+    """
+    with opened(path) as reader:
+        chosen = BagTopics(reader, path, topics)
+        feeder = Feeder(chosen.wired(wiring), detector=detector, threaded=False)
+        news = list(_play(chosen, feeder, report))
+        if feeder.locator is None or not feeder.locator.counts.key_frames:
+            raise BadInputError(f"{path}: nothing could be looked at ({feeder.trouble()})")
+        news += feeder.locator.finish()
+    output.mkdir(parents=True, exist_ok=True)
+    plume_map = feeder.locator.plume_map()
+    plume_map.save(output / "map.json")
+    write_updates(output / "plumes", news, frame_id=wiring.world_frame)
+    return plume_map
+
+
+def _play(topics: BagTopics, feeder: Feeder, report: Report) -> Iterator[Update]:
+    """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
+    assert topics.info is not None
+    takers: dict[str, Callable[[Any], None]] = {
+        topic: feeder.static_transforms if static else feeder.transforms
+        for topic, static in topics.transforms.items()
+    }
+    for topic, _, message in topics.messages(_static(topics), feeder.refuse):
+        takers[topic](message)
+    for _, _, message in topics.messages([topics.info], feeder.refuse):
+        feeder.info(message)
+        if feeder.locator is not None:
+            break
+    takers |= {topics.image: feeder.image, topics.info: feeder.info}
+    if topics.pose not in (None, "tf"):
+        takers[topics.pose] = feeder.body_pose
+    for topic, share, message in topics.messages(takers, feeder.refuse):
+        takers[topic](message)
+        report("bag", share)
+        if feeder.locator is not None:
+            yield from feeder.locator.updates()
+    report("bag", 1.0)
+
+
+def _static(topics: BagTopics) -> list[str]:
+    return [topic for topic, static in topics.transforms.items() if static]

@@ -1,0 +1,72 @@
+"""What was found, written as a ROS 2 bag that Foxglove, PlotJuggler and mcap readers open."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geometry.errors import BadInputError
+from locate.plume import PlumeMap
+from locate.robot.announcer import Announcer, type_of
+from locate.robot.bags import is_bag
+from locate.robot.messages import Messages
+from locate.robot.tracks import State, Update
+from locate.run_folder import remove
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
+
+def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> Path:
+    """Writes a ROS 2 bag of markers, points and sources as MCAP; one that stands is replaced.
+
+    Args:
+        folder: The bag, a folder; the file in it has its name.
+        updates: In the order in which they became known.
+        frame_id: Of the world.
+
+    Returns:
+        The .mcap file.
+
+    Raises:
+        BadInputError: Something else stands there.
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    if folder.exists() and not is_bag(folder):
+        raise BadInputError(f"{folder}: is not a bag; remove it or choose another output")
+    types = get_typestore(Stores.LATEST)
+    messages = Messages(types.types.__getitem__, frame_id, octets=np.ascontiguousarray)
+    remove(folder)
+    connections: dict[str, Connection] = {}
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+
+        def write(name: str, message: Any, stamp_ns: int) -> None:
+            kind = type_of(name)
+            if name not in connections:
+                topic = f"/locate/{name}"
+                connections[name] = writer.add_connection(topic, kind, typestore=types)
+            writer.write(connections[name], stamp_ns, types.serialize_cdr(message, kind))
+
+        announcer = Announcer(messages, write)
+        for update in updates:
+            announcer.tell([update])
+    return folder / f"{folder.name}.mcap"
+
+
+def write_map(folder: Path, plume_map: PlumeMap, *, frame_id: str, stamp_ns: int) -> Path:
+    """Writes the plumes of an offline run as `write_updates` does; what stands there is replaced.
+
+    Args:
+        folder: The bag.
+        plume_map: In metres, in the robot's own world.
+        frame_id: Of that world.
+        stamp_ns: Of the last frame.
+    """
+    remove(folder)
+    updates = [
+        Update(plume=plume, state=State.CONFIRMED, stamp_ns=stamp_ns) for plume in plume_map.plumes
+    ]
+    return write_updates(folder, updates, frame_id=frame_id)
