@@ -13,6 +13,8 @@ from geometry.npz import open_arrays, save_arrays
 Leaks = Literal["nozzle", "anywhere"]
 """Where the plumes of simulated lessons leave."""
 PLUME_SHARE = 0.3
+MOST_PX = 4.0
+"""Displacements are told apart up to this; a camera inside a plume sees hundreds of px."""
 LEAST_PLUME_PX, STILL_PX = 0.02, 0.01
 KINDS = ("plume-free", "faint", "weak", "strong")
 STRENGTHS_PX = (0.0, 0.15, 0.5)
@@ -52,8 +54,9 @@ class Lesson:
         return max(PLUME_SHARE * self.amplitude_px, LEAST_PLUME_PX), STILL_PX
 
     def visible_displacements(self) -> NDArray[np.float16]:
-        """(K, H, W, 2) px, 0 in the sky."""
-        return np.where(self.surface[..., None], self.displacements, np.float16(0))
+        """(K, H, W, 2) px, 0 in the sky, either component at most `MOST_PX`."""
+        clipped = self.displacements.clip(-MOST_PX, MOST_PX)
+        return np.where(self.surface[..., None], clipped, np.float16(0))
 
     def save(self, path: Path) -> None:
         """Writes all or nothing."""
