@@ -2,26 +2,35 @@
 
     python benchmarks/orbit_scenes.py --work work/orbit
     python benchmarks/orbit_scenes.py --seeds 1003 1004 --kinds leak
+    python benchmarks/orbit_scenes.py --seeds 1003 --nuisances people h264 --photos PHOTOS
 
 Each scene is 60 frames of 640x480 on an arc of 60 degrees, filmed losslessly; poses come from
-structure from motion. Renderings are kept in the work folder and used again.
+structure from motion. Renderings are kept in the work folder and used again. `--nuisances` spoils
+every scene by each of these in turn; what moves is covered with photos of the test split.
 """
 
 import argparse
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
 from geometry.trajectory import Trajectory
 from locate.config import RunConfig
 from locate.evaluate import Evaluation, evaluate
 from locate.pipeline import Run
 from locate.plume import PlumeMap
-from locate.simulation import random_scene, simulate
+from locate.simulation import Scene, random_scene
+from locate.simulation.filming import Take
+from locate.simulation.nuisances import NUISANCES, spoiled
+from locate.simulation.photo_scenes import PICTURES
+from locate.simulation.run import record
 
 SEEDS = (1003, 1004, 1008, 1009, 2000, 2001, 2002, 2003, 2004, 2005)
 
@@ -36,9 +45,13 @@ class Outcome:
     failure: str = ""
 
 
-def render(folder: Path, seed: int, *, plume: bool, amplitude_px: float, noise: float) -> None:
-    if not (folder / "truth.json").exists():
-        simulate(random_scene(seed, plume=plume, amplitude_px=amplitude_px, noise=noise), folder)
+def render(folder: Path, scene: Scene, nuisance: str, photos: Sequence[Path]) -> None:
+    if (folder / "truth.json").exists():
+        return
+    rng = scene.random(24)
+    some = rng.choice(len(photos), PICTURES, replace=False) if photos else ()
+    take = Take(scene=scene, photos=tuple(photos[i] for i in some))
+    record(spoiled(take, [nuisance] if nuisance else [], rng), folder)
 
 
 def run(folder: Path, *, resume: bool) -> Outcome:
@@ -95,20 +108,23 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", choices=("leak", "clean"), default=("leak", "clean"))
     parser.add_argument("--amplitude", type=float, default=1.0, help="px")
     parser.add_argument("--noise", type=float, default=1.0, help="of 255")
+    parser.add_argument("--nuisances", nargs="+", choices=tuple(NUISANCES), default=("",))
+    parser.add_argument("--photos", type=Path, help="for what moves")
     parser.add_argument("--resume", action="store_true", help="Keep the stages that stand.")
     parser.add_argument("--work", type=Path, default=Path("work/orbit"))
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
+    photos = photos_in(arguments.photos, "test") if arguments.photos else ()
+    amplitude_px, noise = arguments.amplitude, arguments.noise
     outcomes: dict[bool, list[Outcome]] = {True: [], False: []}
-    for seed in arguments.seeds:
-        for plume in (asked == "leak" for asked in arguments.kinds):
-            kind = f"{arguments.amplitude:g}px_{arguments.noise:g}" if plume else "clean"
-            folder = arguments.work / f"{kind}_{seed}"
-            render(
-                folder, seed, plume=plume, amplitude_px=arguments.amplitude, noise=arguments.noise
-            )
-            outcomes[plume].append(run(folder, resume=arguments.resume))
-            print(row(f"{kind}_{seed}", outcomes[plume][-1]), flush=True)
+    for seed, kind, nuisance in product(arguments.seeds, arguments.kinds, arguments.nuisances):
+        plume = kind == "leak"
+        label = f"{amplitude_px:g}px_{noise:g}" if plume else "clean"
+        folder = arguments.work / "_".join(filter(None, (label, nuisance, str(seed))))
+        scene = random_scene(seed, plume=plume, amplitude_px=amplitude_px, noise=noise)
+        render(folder, scene, nuisance, photos)
+        outcomes[plume].append(run(folder, resume=arguments.resume))
+        print(row(folder.name, outcomes[plume][-1]), flush=True)
     print(summary(outcomes[True], outcomes[False]))
 
 

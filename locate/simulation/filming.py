@@ -70,7 +70,7 @@ def film(take: Take) -> Footage:
     scene = take.scene
     trajectory = fly(scene)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = Renderer(scene, _world(take), fields, trajectory, take.shutter)
+    renderer = Renderer(scene, surfaces(take), fields, trajectory, take.shutter)
     rendered = [renderer.render(i) for i in range(len(trajectory))]
     images = [image for image, _ in rendered]
     if take.coding is not None:
@@ -96,7 +96,8 @@ def photo_tile(path: Path, rng: np.random.Generator) -> FloatMap:
     return np.pad(light[::-1], ((0, side), (0, side)), mode="symmetric")
 
 
-def _world(take: Take) -> Surfaces:
+def surfaces(take: Take) -> Surfaces:
+    """What a ray may meet."""
     scene = take.scene
     world = World(scene)
     if not take.cards:

@@ -1,13 +1,14 @@
 """`locate simulate SCENE.yaml -o DIR`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from geometry.arrays import GreyImage
+from locate.simulation.filming import Take, surfaces
 from locate.simulation.paths import fly
 from locate.simulation.plume import PlumeField
 from locate.simulation.render import Renderer
 from locate.simulation.scene import Scene
-from locate.simulation.world import World
 from locate.simulation.writer import make_folder, open_recording, write_summary, write_truth
 
 Progress = Callable[[int, int], None]
@@ -30,15 +31,27 @@ def simulate(scene: Scene, output: Path, *, progress: Progress = silent) -> None
     Raises:
         BadInputError: The folder cannot be written.
     """
+    record(Take(scene=scene), output, progress=progress)
+
+
+def record(take: Take, output: Path, *, progress: Progress = silent) -> None:
+    """As `simulate`, of a take; frames that its coding spoils are kept as they then are."""
+    scene = take.scene
     make_folder(output)
     scene.save(output / "scene.yaml")
     trajectory = fly(scene)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = Renderer(scene, World(scene), fields, trajectory)
-    with open_recording(output, scene.video, trajectory.camera) as video:
+    renderer = Renderer(scene, surfaces(take), fields, trajectory, take.shutter)
+
+    def frames() -> Iterator[GreyImage]:
         for i in range(len(trajectory)):
             image, truth = renderer.render(i)
-            video.write(image)
             write_truth(output, i, truth)
             progress(i + 1, len(trajectory))
+            yield image
+
+    coded = frames() if take.coding is None else take.coding(list(frames()), scene.video.fps)
+    with open_recording(output, scene.video, trajectory.camera) as video:
+        for image in coded:
+            video.write(image)
     write_summary(output, trajectory, fields, renderer.amplitudes_px)

@@ -2,6 +2,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from locate.simulation.filming import Footage, Take, film
 from locate.simulation.nuisances import NUISANCES, some_nuisances, spoiled
 from locate.simulation.paths import fly
 from locate.simulation.render import Renderer
+from locate.simulation.run import record
 from locate.simulation.scene import Scene
 from locate.simulation.shutter import Shutter, velocities
 from locate.simulation.tiles import TILE_PX, TileAtlas
@@ -189,6 +191,16 @@ def test_the_exposure_of_a_frame_brightens_it(take: Take) -> None:
     means = [image.mean() for image in footage.images]
     assert means[1] == pytest.approx(means[0] * 0.8 ** (1 / 2.2), rel=0.02)
     assert means[3] > means[2] > means[1]
+
+
+def test_a_recording_holds_the_take_as_filmed(take: Take, tmp_path: Path) -> None:
+    spoilt = replace(take, shutter=Shutter(readout_s=0.02), coding=partial(jpeg, quality=60))
+    record(spoilt, tmp_path)
+    with av.open(str(tmp_path / "video.mkv")) as video:
+        kept = [frame.to_ndarray(format="gray") for frame in video.decode(video=0)]
+    for image, filmed in zip(kept, film(spoilt).images, strict=True):
+        np.testing.assert_array_equal(image, filmed)
+    assert len(list((tmp_path / "truth").iterdir())) == len(kept)
 
 
 def test_the_chain_is_not_told_of_the_lens(take: Take) -> None:
