@@ -114,6 +114,7 @@ def _sight(views: Views, i: int, column: FloatArray, heights: FloatArray) -> Flo
     looks = 2 * FOOTPRINT_SHARE * radii_px.mean() * length_px / LOOK_PX2
     likelihood = np.exp(looks * (llr - llr[best]))
     variance = likelihood @ (offsets_px - offsets_px[best]) ** 2 / likelihood.sum()
+    variance += (offsets_px[1] - offsets_px[0]) ** 2 / 12
     derivatives = _derivatives(views.trajectory, i, points.mean(axis=0), normal)
     return np.array([offsets_px[best], np.sqrt(variance), *derivatives])
 

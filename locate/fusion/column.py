@@ -109,6 +109,11 @@ def agreed(nats: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(nats, limit).sum(axis=0))
 
 
+def evidence(views: Views, columns: FloatArray) -> FloatArray:
+    """(N,) what all views together say for (N, 8) columns, nats."""
+    return agreed(score(views, columns))
+
+
 def without(views: Views, column: FloatArray, *, radii: float = EXPLAINED_RADII) -> Views:
     """The views with the evidence inside a column's outline, `radii` wide, set to zero.
 

@@ -1,16 +1,17 @@
-"""Columns fitted to the summed evidence: a shrinking random search from the proposals."""
+"""Columns fitted to the summed evidence: a shrinking random search."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.fusion.column import HEIGHT, OPENING, RADIUS, SLOPE_X, SLOPE_Y, X, Y, Z, agreed, score
+from locate.fusion.column import HEIGHT, OPENING, RADIUS, SLOPE_X, SLOPE_Y, X, Y, Z
 from locate.fusion.proposals import SEPARATION_UNITS
-from locate.fusion.views import Views
 
-ROUNDS, DRAWS, SHRINK = 18, 40, 0.87
-SURVIVORS_AFTER, SURVIVORS = 7, 8
+WHOLE = range(18)
+COARSE, FINE = WHOLE[:8], WHOLE[8:]
+DRAWS, SHRINK = 40, 0.87
+SURVIVORS = 8
 STEP_UNITS = np.array([0.2, 0.2, 0.2, 0.12, 0.12, 0.5, 0.06, 0.05])
 RADIUS_UNITS = (0.05, 0.4)
 HEIGHT_UNITS = (0.5, 5.0)
@@ -18,48 +19,70 @@ STEEPEST = 0.6
 OPENINGS = (0.02, 0.35)
 LENGTHS = (X, Y, Z, HEIGHT, RADIUS)
 
+Worth = Callable[[FloatArray], FloatArray]
+
 
 def fit_columns(
-    views: Views,
+    worth: Worth, starts: FloatArray, unit: float, rng: np.random.Generator
+) -> FloatArray:
+    """The distinct (M, 8) columns that (N, 8) starts end in, best first.
+
+    Those that end close to a better one are left out already after the first coarse rounds.
+
+    Args:
+        worth: What is made as large as possible.
+        starts: Where the search begins.
+        unit: The yardstick of fusion, world units.
+        rng: Of the search.
+    """
+    columns, value = climb(worth, starts, unit, rng, turns=COARSE)
+    columns = distinct(columns[np.argsort(-value)], unit)[:SURVIVORS]
+    columns, value = climb(worth, columns, unit, rng, turns=FINE)
+    return distinct(columns[np.argsort(-value)], unit)
+
+
+def climb(
+    worth: Worth,
     starts: FloatArray,
     unit: float,
     rng: np.random.Generator,
     *,
-    total: Callable[[FloatArray], FloatArray] = agreed,
-) -> FloatArray:
-    """Refines (N, 8) starts and returns the distinct columns they end in, best first.
+    turns: range = WHOLE,
+) -> tuple[FloatArray, FloatArray]:
+    """(N, 8) columns that (N, 8) starts end in, each by itself, and what they are worth.
 
-    The opening angle stays free: held fixed, the fit slides towards the cameras. What is made
-    as large as possible is the `total` over views.
+    The opening angle stays free: held fixed, the fit slides towards the cameras.
     """
-    columns = _clip(starts, unit)
-    best = total(score(views, columns))
-    scale = np.ones(8)
-    scale[list(LENGTHS)] = unit
-    for turn in range(ROUNDS):
-        step = STEP_UNITS * scale * SHRINK**turn
+    columns = clipped(starts, unit)
+    best = worth(columns)
+    rows = np.arange(len(columns))
+    for turn in turns:
+        step = steps(unit) * SHRINK**turn
         tried = np.repeat(columns, DRAWS, axis=0)
-        tried = _clip(tried + rng.normal(size=tried.shape) * step, unit)
-        value = total(score(views, tried)).reshape(len(columns), DRAWS)
+        tried = clipped(tried + rng.normal(size=tried.shape) * step, unit)
+        value = worth(tried).reshape(len(columns), DRAWS)
         pick = value.argmax(axis=1)
-        rows = np.arange(len(columns))
         better = value[rows, pick] > best
         columns[better] = tried.reshape(len(columns), DRAWS, 8)[rows, pick][better]
         best = np.maximum(best, value.max(axis=1))
-        if turn == SURVIVORS_AFTER:
-            keep = distinct(columns[np.argsort(-best)], unit)[:SURVIVORS]
-            columns = keep
-            best = total(score(views, columns))
-    return distinct(columns[np.argsort(-best)], unit)
+    return columns, best
 
 
-def _clip(columns: FloatArray, unit: float) -> FloatArray:
-    clipped = columns.copy()
-    clipped[:, [SLOPE_X, SLOPE_Y]] = clipped[:, [SLOPE_X, SLOPE_Y]].clip(-STEEPEST, STEEPEST)
-    clipped[:, HEIGHT] = clipped[:, HEIGHT].clip(*np.multiply(HEIGHT_UNITS, unit))
-    clipped[:, RADIUS] = clipped[:, RADIUS].clip(*np.multiply(RADIUS_UNITS, unit))
-    clipped[:, OPENING] = clipped[:, OPENING].clip(*OPENINGS)
-    return clipped
+def steps(unit: float) -> FloatArray:
+    """(8,) how far the first round of a search tries to either side."""
+    scale = np.ones(8)
+    scale[list(LENGTHS)] = unit
+    return np.asarray(STEP_UNITS * scale)
+
+
+def clipped(columns: FloatArray, unit: float) -> FloatArray:
+    """The nearest columns that a plume may have."""
+    near = columns.copy()
+    near[:, [SLOPE_X, SLOPE_Y]] = near[:, [SLOPE_X, SLOPE_Y]].clip(-STEEPEST, STEEPEST)
+    near[:, HEIGHT] = near[:, HEIGHT].clip(*np.multiply(HEIGHT_UNITS, unit))
+    near[:, RADIUS] = near[:, RADIUS].clip(*np.multiply(RADIUS_UNITS, unit))
+    near[:, OPENING] = near[:, OPENING].clip(*OPENINGS)
+    return near
 
 
 def distinct(columns: FloatArray, unit: float) -> FloatArray:
@@ -70,12 +93,12 @@ def distinct(columns: FloatArray, unit: float) -> FloatArray:
     """
     kept: list[FloatArray] = []
     for column in columns:
-        if all(_distance(column, other) > SEPARATION_UNITS * unit for other in kept):
+        if all(gap(column, other) > SEPARATION_UNITS * unit for other in kept):
             kept.append(column)
     return np.reshape(kept, (-1, 8))
 
 
-def _distance(a: FloatArray, b: FloatArray) -> float:
+def gap(a: FloatArray, b: FloatArray) -> float:
     """Smallest horizontal distance of two axes over the heights both span, or nearly span."""
     low, high = max(a[Z], b[Z]), min(a[Z] + a[HEIGHT], b[Z] + b[HEIGHT])
     z = np.linspace(min(low, high), max(low, high), 9)[:, None]

@@ -7,6 +7,7 @@ time and height together, so views that saw the same sway do not count twice. Th
 small, so the graph is linear; `refine_axis` sights the axis anew where the last solution lies.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -17,7 +18,7 @@ from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion import column as columns
 from locate.fusion.axis import AxisSightings
-from locate.fusion.sway import Sway, design_matrix, estimate_sway
+from locate.fusion.sway import Explanation, Sway, design_matrix, estimate_sway
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
 FALLBACK_RANGE_SHARE = 0.002
@@ -78,6 +79,27 @@ class AxisEstimate:
         return np.asarray(self.line + np.concatenate([steps, -steps]))
 
 
+def averaged(axes: Sequence[AxisEstimate]) -> AxisEstimate:
+    """The axis that several estimates of one plume's give alike; their scatter adds to it.
+
+    Heights count from the lowest point of the first, whose sway it keeps.
+    """
+    lowest = axes[0].lowest
+    lines, covariances = [], []
+    for axis in axes:
+        down = np.eye(4)
+        down[:2, 2:] = (lowest - axis.lowest) * np.eye(2)
+        lines.append(down @ axis.line)
+        covariances.append(down @ axis.covariance @ down.T)
+    scatter = np.cov(np.transpose(lines), bias=True)
+    return AxisEstimate(
+        lowest=lowest,
+        line=np.mean(lines, axis=0),
+        covariance=np.mean(covariances, axis=0) + scatter,
+        sway=axes[0].sway,
+    )
+
+
 def estimate_axis(
     trajectory: Trajectory,
     column: FloatArray,
@@ -86,6 +108,7 @@ def estimate_axis(
     *,
     origin: float = 0.0,
     sway: Sway | None = None,
+    among: Sequence[Explanation] = (),
 ) -> AxisEstimate | None:
     """Solves for the mean axis from what all views see of it.
 
@@ -96,6 +119,7 @@ def estimate_axis(
         unit: The yardstick of fusion, world units.
         origin: Height of the source above the column's lowest point, where nothing sways.
         sway: That of the sightings where it is known; None estimates it.
+        among: What it is looked for among; see `estimate_sway`.
 
     Returns:
         The estimate, or None where too few views or heights were sighted.
@@ -114,7 +138,8 @@ def estimate_axis(
     sigmas = np.array([PLACE_PRIOR_UNITS * unit] * 2 + [SLOPE_PRIOR] * 2)
     prior = (upright, np.diag(1 / sigmas**2))
     if sway is None:
-        sway = estimate_sway(sightings, origin, unit, _poses_px2(sightings, poses), prior)
+        poses_px2 = _poses_px2(sightings, poses)
+        sway = estimate_sway(sightings, origin, unit, poses_px2, prior, among)
     graph = gtsam.GaussianFactorGraph()
     _add_prior(graph, A(0), upright, np.diag(sigmas**2))
     least = LEAST_SWAY_PX**2 * np.eye(len(sightings))

@@ -8,6 +8,7 @@ volume, not for a voxel.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.stats import gumbel_r
 
 from geometry.arrays import FloatArray
 from geometry.grid import Box
-from locate.fusion.column import agreed, score
+from locate.fusion.column import evidence
 from locate.fusion.fit import fit_columns
 from locate.fusion.proposals import STARTS, propose
 from locate.fusion.views import Views
@@ -79,5 +80,5 @@ def draw_strongest(views: Views, box: Box, unit: float, rng: np.random.Generator
     shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
     rolled = views.rolled([round(share * width) for share in shares])
     proposals, _ = propose(rolled, box, unit, most=STARTS)
-    best = fit_columns(rolled, proposals.columns, unit, rng)[:1]
-    return float(agreed(score(rolled, best)).max(initial=0.0))
+    best = fit_columns(partial(evidence, rolled), proposals.columns, unit, rng)[:1]
+    return float(evidence(rolled, best).max(initial=0.0))

@@ -7,6 +7,7 @@ one, and of a single plume there is nothing left to explain for a second.
 """
 
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -21,7 +22,7 @@ from locate.fusion.column import (
     score,
     without,
 )
-from locate.fusion.fit import distinct, fit_columns
+from locate.fusion.fit import climb, distinct
 from locate.fusion.views import Views
 
 LEVEL_SHARE = 0.5
@@ -42,12 +43,12 @@ def split(
     sharp = _sharpened(views, column)
     first, second = max(_apart(column, unit), key=lambda pair: _explained(sharp, *pair))
     for _ in range(FITTED_IN_TURNS):
-        (first,) = fit_columns(_alone(sharp, second), first[None], unit, rng, total=_shown)
-        (second,) = fit_columns(_alone(sharp, first), second[None], unit, rng, total=_shown)
+        first = _fitted(_alone(sharp, second), first, unit, rng)
+        second = _fitted(_alone(sharp, first), second, unit, rng)
         if len(distinct(np.stack([first, second]), unit)) < 2:
             return [(column, views)]
-    (single,) = fit_columns(sharp, column[None], unit, rng, total=_shown)
-    one = float(_shown(score(sharp, single[None]))[0])
+    single = _fitted(sharp, column, unit, rng)
+    one = float(_shown(sharp, single[None])[0])
     if _explained(sharp, first, second) < (1 + LEAST_GAIN) * one:
         return [(column, views)]
     return [(first, _alone(views, second)), (second, _alone(views, first))]
@@ -77,12 +78,17 @@ def _alone(views: Views, other: FloatArray) -> Views:
     return without(views, other, radii=1.0)
 
 
-def _shown(nats: FloatArray) -> FloatArray:
-    """(N,) sum of (V, N) evidence; a view that sees one of two does not speak against the other."""
-    return agreed(np.maximum(nats, 0))
+def _fitted(views: Views, column: FloatArray, unit: float, rng: np.random.Generator) -> FloatArray:
+    columns, _ = climb(partial(_shown, views), column[None], unit, rng)
+    return np.asarray(columns[0])
+
+
+def _shown(views: Views, columns: FloatArray) -> FloatArray:
+    """(N,) evidence for columns; a view that sees one of two does not speak against the other."""
+    return agreed(np.maximum(score(views, columns), 0))
 
 
 def _explained(views: Views, first: FloatArray, second: FloatArray) -> float:
     """What two columns explain, nats; what both cover counts once."""
-    rest = score(_alone(views, first), second[None])
-    return float(_shown(score(views, first[None]))[0] + _shown(rest)[0])
+    rest = _shown(_alone(views, first), second[None])
+    return float(_shown(views, first[None])[0] + rest[0])

@@ -9,6 +9,7 @@ tell a slow one from parallax. How far and how slowly a plume sways is therefore
 scatter of its own sightings, and what remains unknown of both is averaged over.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -44,6 +45,7 @@ class Sway:
         share_alike: Of their variance that neighbouring views have in common.
         rate: Posterior mean of the sway's standard deviation per unit of height.
         persistence_s: Posterior (geometric) mean of the time over which it is correlated.
+        plausible: All that could explain the sightings.
     """
 
     covariance_px2: FloatArray
@@ -52,6 +54,7 @@ class Sway:
     share_alike: float
     rate: float
     persistence_s: float
+    plausible: tuple["Explanation", ...]
 
     def again(self, sightings: AxisSightings, origin: float, unit: float) -> "Sway":
         """The same sway as other sightings of the plume scatter by it.
@@ -71,8 +74,8 @@ class Sway:
         )
 
 
-class _Explanation(NamedTuple):
-    """What the sightings may scatter by; see `Sway`."""
+class Explanation(NamedTuple):
+    """What sightings may scatter by; see `Sway`."""
 
     persistence_s: float
     growth: float
@@ -92,6 +95,7 @@ def estimate_sway(
     unit: float,
     poses_px2: FloatArray,
     prior: tuple[FloatArray, FloatArray],
+    among: Sequence[Explanation] = (),
 ) -> Sway:
     """The posterior mean of the sway's covariance, by restricted likelihood on a grid.
 
@@ -110,18 +114,19 @@ def estimate_sway(
         unit: The yardstick of fusion, world units.
         poses_px2: (N, N) covariance of the offsets due to the poses.
         prior: (4,) mean and (4, 4) information of the axis: x, y and slopes, as corrections.
+        among: What else could explain them need not be tried; nothing: all is.
     """
-    times, alike = _persistences(sightings.time_s), _alike(sightings)
+    grid = list(among) or _explanations(sightings.time_s)
+    alike = _alike(sightings)
     shapes = {
         (t, growth): _shape(sightings, origin, unit, t, growth)
-        for t, growth in product(times, GROWTHS)
+        for t, growth in {(e.persistence_s, e.growth) for e in grid}
     }
 
-    def common(e: _Explanation) -> FloatArray:
+    def common(e: Explanation) -> FloatArray:
         sway = e.rate**2 * shapes[e.persistence_s, e.growth]
         return np.asarray(sway + e.inflation**2 * e.share_alike * alike)
 
-    grid = [_Explanation(*e) for e in product(times, GROWTHS, RATES, INFLATIONS, SHARES_ALIKE)]
     stated = sightings.sigma_px**2
     weight = np.ones(len(sightings))
     for turn in range(ROBUST_TURNS):
@@ -137,7 +142,7 @@ def estimate_sway(
             grid = [grid[k] for k in np.flatnonzero(nats > nats[best] - NEGLIGIBLE_NATS)]
     share = np.exp(nats - nats.max())
     share /= share.sum()
-    mean = _Explanation(*(share @ np.array(grid)))
+    mean = Explanation(*(share @ np.array(grid)))
     inflation2 = float(share @ [e.inflation**2 for e in grid])
     own = float(share @ [e.own for e in grid])
     return Sway(
@@ -147,7 +152,13 @@ def estimate_sway(
         share_alike=1 - own / inflation2,
         rate=mean.rate,
         persistence_s=float(np.exp(share @ [np.log(e.persistence_s) for e in grid])),
+        plausible=tuple(grid),
     )
+
+
+def _explanations(time_s: FloatArray) -> list[Explanation]:
+    every = product(_persistences(time_s), GROWTHS, RATES, INFLATIONS, SHARES_ALIKE)
+    return [Explanation(*e) for e in every]
 
 
 def _persistences(time_s: FloatArray) -> list[float]:

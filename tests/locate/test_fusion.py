@@ -10,7 +10,7 @@ from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import score, spine, without
 from locate.fusion.fuse import fuse
-from locate.fusion.graph import estimate_axis
+from locate.fusion.graph import averaged, estimate_axis
 from locate.fusion.null import NullLevel
 from locate.fusion.pairs import split
 from locate.fusion.proposals import best_interval
@@ -188,6 +188,34 @@ def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
     point, covariance = axis.at(0.0)
     assert abs(point[0] - truth.source[0]) < 0.05
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: Truth) -> None:
+    views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1), NONE)
+    column = as_column(truth)
+    axis = estimate_axis(views.trajectory, column, sight_axis(views, column), views.unit)
+    assert axis is not None
+    lifted = replace(
+        axis, lowest=axis.lowest + 0.5, line=axis.line + 0.5 * np.r_[axis.line[2:], 0, 0]
+    )
+    at, covariance = axis.at(0.3)
+    same, same_covariance = averaged([axis, axis]).at(0.3)
+    np.testing.assert_allclose(same, at)
+    np.testing.assert_allclose(same_covariance, covariance)
+    np.testing.assert_allclose(averaged([axis, lifted]).at(0.3)[0], at)
+    aside = replace(axis, line=axis.line + np.array([0.2, 0, 0, 0]))
+    between, wider = averaged([axis, aside]).at(0.3)
+    np.testing.assert_allclose(between, at + np.array([0.1, 0, 0]))
+    np.testing.assert_allclose(wider - covariance, np.diag([0.01, 0, 0]), atol=1e-9)
+
+
+def test_the_source_hardly_hangs_on_the_seed_of_the_search(truth: Truth) -> None:
+    views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1))
+    null = NullLevel(strongest=np.zeros(2), location=10.0, scale=1.0)
+    plumes = [fuse(views, seed=seed, null=null).plumes[0] for seed in range(4)]
+    scatter = np.std([plume.source for plume in plumes], axis=0)
+    stated = np.sqrt(np.diag(plumes[0].source_covariance))
+    assert (scatter < 0.5 * stated).all()
 
 
 def offsets_of(sightings: AxisSightings, rate: float, rng: np.random.Generator) -> np.ndarray:

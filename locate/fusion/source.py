@@ -1,0 +1,140 @@
+"""One plume measured: its axis, averaged over several columns, its source and its shape."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from geometry.arrays import FloatArray, IntArray
+from locate.fusion.axis import VIEW_SAW_NATS, sight_axis
+from locate.fusion.base import locate_base
+from locate.fusion.column import (
+    HEIGHT,
+    OPENING,
+    RADIUS,
+    SLOPE_X,
+    SLOPE_Y,
+    X,
+    Y,
+    evidence,
+    score,
+    spine,
+)
+from locate.fusion.fit import climb, steps
+from locate.fusion.graph import AxisEstimate, averaged, estimate_axis
+from locate.fusion.sway import Explanation
+from locate.fusion.views import Views
+from locate.plume import Plume
+
+SEARCHES = 4
+REFINEMENTS = 3
+RADIUS_SAMPLES = 9
+
+
+def find_axis(
+    views: Views, column: FloatArray, unit: float, rng: np.random.Generator
+) -> tuple[FloatArray, AxisEstimate] | None:
+    """The column where it really stands, and its axis; None where too few views see it.
+
+    Columns of quite another shape explain the evidence nearly as well, and have their axis sighted
+    elsewhere. So the axis is the mean over several searches from about the column, and its
+    covariance holds their scatter (Rubin, Multiple Imputation, 1987, without the small-sample
+    term). The column is the one that most speaks for.
+    """
+    starts = column + rng.normal(size=(SEARCHES, 8)) * steps(unit)
+    starts[0] = column
+    columns, _ = climb(partial(evidence, views), starts, unit, rng)
+    seen: list[tuple[FloatArray, AxisEstimate]] = []
+    for each in columns:
+        refined = refine_axis(views, each, unit, seen[0][1].sway.plausible if seen else ())
+        if refined is not None:
+            seen.append(refined)
+    if not seen:
+        return None
+    nats = evidence(views, np.stack([each for each, _ in seen]))
+    seen = [seen[k] for k in np.argsort(-nats, kind="stable")]
+    return seen[0][0], averaged([axis for _, axis in seen])
+
+
+def refine_axis(
+    views: Views, column: FloatArray, unit: float, among: Sequence[Explanation] = ()
+) -> tuple[FloatArray, AxisEstimate] | None:
+    """Sights the axis and solves for it in turns; None where too few views see it.
+
+    The sway is looked for `among` these (nothing: all), then among what is left of them.
+    """
+    axis = None
+    for _ in range(REFINEMENTS):
+        sightings = sight_axis(views, column)
+        origin = locate_base(views, column, unit).height
+        axis = estimate_axis(views.trajectory, column, sightings, unit, origin=origin, among=among)
+        if axis is None:
+            return None
+        among = axis.sway.plausible
+        column = _moved(column, axis.line)
+    return None if axis is None else (column, axis)
+
+
+def _moved(column: FloatArray, line: FloatArray) -> FloatArray:
+    """The column with its axis on another line (x and y at its lowest point, slopes)."""
+    moved = column.copy()
+    moved[[X, Y, SLOPE_X, SLOPE_Y]] = line
+    return moved
+
+
+def locate_source(
+    views: Views, column: FloatArray, axis: AxisEstimate, unit: float
+) -> tuple[FloatArray, FloatArray]:
+    """(3,) source and its (3, 3) covariance.
+
+    An axis that stands a little elsewhere may meet another surface, or none; so the base is
+    sought along several lines that the sightings allow.
+    """
+    candidates = [_moved(column, line) for line in axis.spread()]
+    bases = [locate_base(views, candidate, unit) for candidate in candidates]
+    heights = np.array([[base.height] for base in bases])
+    points = spine(np.array(candidates), heights)[:, 0]
+    along = float(np.mean([base.sigma**2 for base in bases]))
+    covariance = np.cov(points.T, bias=True) + along * np.outer(axis.rise, axis.rise)
+    return points.mean(axis=0), covariance
+
+
+def measured(
+    views: Views, column: FloatArray, axis: AxisEstimate, unit: float, false_alarm: float
+) -> Plume:
+    """The plume that a column with this axis is."""
+    base = locate_base(views, column, unit)
+    source, covariance = locate_source(views, column, axis, unit)
+    heights = np.linspace(base.lowest_seen, base.highest_seen, RADIUS_SAMPLES)
+    radii = column[RADIUS] + column[OPENING] * np.clip(heights, 0, None)
+    distances = (heights - (source[2] - axis.lowest)) * np.linalg.norm(axis.rise)
+    saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
+    return Plume(
+        id=0,
+        source=source,
+        source_covariance=covariance,
+        axis=axis.direction,
+        axis_sigma_rad=axis.direction_sigma_rad,
+        extent_low=float(distances[0]),
+        extent_high=float(distances[-1]),
+        radius_by_height=np.column_stack([distances, radii]),
+        evidence_nats=float(evidence(views, column[None])[0]),
+        probability=1 - false_alarm,
+        views=tuple(int(index) for index in views.trajectory.indices[saw]),
+        displacement_px=_displacement(views, column, np.flatnonzero(saw)),
+        source_hidden=base.hidden,
+    )
+
+
+def _displacement(views: Views, column: FloatArray, rows: IntArray) -> float:
+    """Mean displacement along the axis in the views of these rows, px of the original frames."""
+    heights = np.linspace(0, column[HEIGHT], RADIUS_SAMPLES)
+    points = spine(column[None], heights[None])[0]
+    height, width = views.llr.shape[1:]
+    values = []
+    for i in rows:
+        pixel = views.trajectory.project(int(i), points)
+        pixel = np.rint(pixel[np.isfinite(pixel).all(axis=1)]).astype(int)
+        inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
+        values.append(views.displacement_px[i][pixel[inside, 1], pixel[inside, 0]])
+    return float(np.concatenate(values).mean())
