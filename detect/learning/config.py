@@ -129,6 +129,9 @@ class Stage(_Settings):
         losses: Weights of the losses.
         least_px: Samples whose displacement stays below are left out: they drown the others.
         augmentation: Instead of the training's own.
+        blend: Share that the stage has in the weights it ends with; the rest is what it began
+            with. In between lies what does well on old samples and new (Wortsman et al., Robust
+            fine-tuning of zero-shot models, CVPR 2022).
     """
 
     name: str
@@ -140,6 +143,7 @@ class Stage(_Settings):
     losses: LossConfig = LossConfig()
     least_px: float = Field(default=0, ge=0)
     augmentation: Augmentation | None = None
+    blend: float = Field(default=1, gt=0, le=1)
 
 
 class TrainConfig(_Settings):

@@ -27,7 +27,7 @@ from detect.learning.pools import Pool
 from detect.learning.validation import Score, validate
 from geometry.errors import BadInputError
 
-LAST, BEST, CONFIG = "last.pt", "best.pt", "config.json"
+LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
 BETAS = (0.9, 0.999)
 Report = Callable[[str, float], None]
 
@@ -114,9 +114,13 @@ class Training:
     ) -> None:
         config, batches, recent = self.config, Batches(self.config, stage, pools), _Mean()
         last = first + stage.steps
+        if stage.blend < 1 and self.step == first:
+            self.save(BEFORE)
         while self.step < last:
             rate = _rate(stage, self.step - first)
             recent.add(self._advance(batches[self.step], stage, rate))
+            if stage.blend < 1 and self.step == last:
+                self._blend(stage.blend)
             if self.step % config.log_every == 0:
                 self._note(kind="train", stage=stage.name, loss=recent.take(), rate=rate)
             if self.step % config.validate_every == 0 or self.step == config.steps:
@@ -164,6 +168,13 @@ class Training:
                 f"{self.folder}: the loss is {value} at step {self.step}; lower the learning rate"
             )
         return value
+
+    def _blend(self, share: float) -> None:
+        before = read_checkpoint(self.folder / BEFORE)["network"]
+        with torch.no_grad():
+            for name, after in self.network.state_dict().items():
+                if after.is_floating_point():
+                    after.lerp_(before[name].to(after.device), 1 - share)
 
     def _predict(self, image: Tensor) -> Prediction:
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.mixed_precision):

@@ -134,6 +134,21 @@ def test_later_stages_may_change(data: Path, trained: Path) -> None:
     assert shorter.digest(8) == config.digest(8) != config.digest(9)
 
 
+def test_a_blended_stage_ends_between_its_two_ends(
+    data: Path, trained: Path, tmp_path: Path
+) -> None:
+    config = config_of(data)
+    first, second = config.stages
+    halves = (first, second.model_copy(update={"blend": 0.25}))
+    whole = read_checkpoint(trained / LAST)["network"]
+    config = config.model_copy(update={"stages": halves})
+    ended = read_checkpoint(train(config, tmp_path, report=quiet))["network"]
+    began = read_checkpoint(tmp_path / "before.pt")["network"]
+    for name, weights in ended.items():
+        if weights.is_floating_point():
+            torch.testing.assert_close(weights, 0.75 * began[name] + 0.25 * whole[name])
+
+
 def test_a_batch_follows_from_its_step(data: Path) -> None:
     config = config_of(data)
     pools = {"some": Pool.load(config.pools["some"])}
