@@ -26,7 +26,8 @@ import scipy.io
 
 from detect.bos import texture_of, unbiased_flow
 from detect.bos_checks import FrameCheck
-from detect.dybs.detector import DybsDetector, SingleFrame
+from detect.dybs import DybsDetector
+from detect.dybs.eye import SingleFrame
 from detect.flow import METHODS, flow_method
 from detect.scores import auroc
 from geometry.arrays import FloatArray, FloatMap, GreyImage

@@ -4,7 +4,7 @@
         --test SAMPLES --validation SAMPLES [--plot auroc_by_peak.png] [--every 1]
     ... shift     --networks A.onnx A-int8.onnx [--photos DIR]
     ... blobs     --networks A.onnx --photos DIR --others DIR
-    ... speed     --networks A.onnx A-int8.onnx [--paper]
+    ... speed     --networks A.onnx A-int8.onnx [--photos DIR] [--paper]
 
 A pixel is positive where |w| > 0.06 px, negative where |w| < 0.02 px; those between are left out of
 everything but the magnitude error. Every 5th row and column of a sample is looked at. Columns:
@@ -29,12 +29,13 @@ import cv2
 import numpy as np
 
 from detect.calibration import expected_calibration_error, posterior
-from detect.detection import Detection
+from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
 from detect.dybs.calibrate import labels_of
 from detect.dybs.demodulation import demodulate
-from detect.dybs.detector import CLASS_NAMES, WHITE, Look, Reading, joined
+from detect.dybs.detector import CLASS_NAMES
 from detect.dybs.edges import straightness
+from detect.dybs.eye import WHITE, Look, Reading, joined
 from detect.dybs.judge import Judge
 from detect.dybs.measure import Measured, measure
 from detect.network import Network
@@ -69,7 +70,7 @@ class Answer:
 
 
 def planes(image: GreyImage, channels: int = 1) -> FloatMap:
-    return np.repeat(image[None].astype(np.float32) / WHITE, channels, axis=0)
+    return np.broadcast_to(image.astype(np.float32) / np.float32(WHITE), (channels, *image.shape))
 
 
 class Contenders:
@@ -320,7 +321,7 @@ def blobs(options: argparse.Namespace) -> None:
     for path in options.networks:
         detector, every, all_blobs = DybsDetector(path), 0, 0
         for name, photos in groups.items():
-            llrs = [detector.judge(detector.eye.look(photo(p))).llr for p in photos]
+            llrs = [detected(detector, photo(p)).llr for p in photos]
             count = sum(
                 cv2.connectedComponents((x > MASK_NATS).astype(np.uint8))[0] - 1 for x in llrs
             )
@@ -329,6 +330,10 @@ def blobs(options: argparse.Namespace) -> None:
             print(f"| {path.stem} | {name} | {len(photos)} | {count} | "
                   f"{100 * count / len(photos):.1f} | {speaks:.3f} |", flush=True)  # fmt: skip
         print(f"| {path.stem} | all | {every} | {all_blobs} | {100 * all_blobs / every:.1f} | |")
+
+
+def detected(detector: DybsDetector, image: GreyImage) -> Detection:
+    return detector.detect(Frames(images=[image]), 0)
 
 
 def photo(path: Path) -> GreyImage:
@@ -345,15 +350,21 @@ def speed(options: argparse.Namespace) -> None:
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     checks = 120 + 60 * np.sin(0.7 * x + 0.1 * y) * np.sin(0.7 * y - 0.1 * x)
     lattice = (checks + image / 100).astype(np.uint8)
+    whole = {"on noise": image, "all a lattice": lattice}
+    for path in photos_in(options.photos, "test")[:1] if options.photos else []:
+        size = SHAPE[::-1]
+        whole["on a photo"] = cv2.resize(photo(path), size, interpolation=cv2.INTER_AREA)
     print("| what, 640 x 480, one thread | CPU ms, median | fastest |\n|---|---|---|")
     for path in options.networks:
         network, detector = Network(path), DybsDetector(path)
         timed(f"{network.name}, onnxruntime", lambda n=network: n(planes(image)))
-        timed("dybs with it, on noise", lambda d=detector: d.judge(d.eye.look(image)))
-        timed("dybs with it, all a lattice", lambda d=detector: d.judge(d.eye.look(lattice)))
+        for name, seen in whole.items():
+            timed(f"dybs with it, {name}", lambda d=detector, i=seen: detected(d, i))
     timed("texture classes", lambda: texture_classes(image))
     timed("demodulation, all a lattice", lambda: demodulate(lattice, np.ones(SHAPE, bool)))
-    timed("straightness, on noise", lambda: straightness(image))
+    for name, seen in whole.items():
+        if seen is not lattice:
+            timed(f"straightness, {name}", lambda i=seen: straightness(i))
     measured, judge = measure(lattice, texture_classes(lattice)), Judge()
     timed("judge, onnxruntime", lambda: judge(measured, SHAPE))
     if options.paper:

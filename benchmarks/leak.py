@@ -1,7 +1,7 @@
 """The leak: a network trained on software warps reads their blur, and nothing else.
 
     OMP_NUM_THREADS=1 python benchmarks/leak.py render --photos PHOTOS --runs RUNS -o DIR
-    ... table --photos PHOTOS -o DIR
+    ... table --network perceptron|lite|paper [--steps 2200] --photos PHOTOS -o DIR
 
 Every sample is made twice of one part of a photo and one plume. `camera`: seen through the plume as
 a camera sees it. `bilinear`: taken without the plume, then warped by software, as the paper does.
@@ -9,10 +9,13 @@ The cameras of the two (shift by part of a pixel, blur, noise) are drawn alike, 
 Training samples come from the photos and runs of the training split, test samples from the photos
 of the validation and the test split (nothing is chosen on either) and the runs of the test split.
 
-The network is as small as can read blur: fixed differences of neighbours at two scales, their
-energies in two windows, and a perceptron of two hidden layers on their logarithms; it says whether
-a pixel is displaced and by how much. It learns in seconds. One is trained each way, with equal
-samples and steps; both are judged on both, and on bilinear warps with noise added after them.
+One network is trained each way, with equal samples and steps; both are judged on both, and on
+bilinear warps with noise added after them. Each answers the same: whether a pixel is displaced, and
+by how much. The perceptron is as small as can read blur: fixed differences of neighbours at two
+scales, their energies in two windows, and two hidden layers on their logarithms; it learns in
+seconds. `lite` is the design of the shipped network at its width of 16; `paper` that of the paper,
+8 channels wide at full resolution (64 take sixteen times as long); its two channels answer the two
+questions. UNets see first samples that are moved by 0.4 px and more, or not at all, and then all.
 
 Pixels as in detectors.py: positive where |w| > 0.06 px, negative where |w| < 0.02 px.
 """
@@ -25,9 +28,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 from torch.nn import functional
 
+from detect.learning.networks import PaperUNet, PlumeNet, Prediction
 from detect.scores import auroc
 from detect.synthesis import FAMILIES, Recipe, Sample, Shard, Sources, shards_in
 from detect.synthesis.camera import MARGIN_PX, Optics, expose, naive_warp
@@ -50,7 +54,9 @@ NATURAL = [
 SIZE_PX, CROPS = 96, 16
 NOISE_AFTER = 2.0
 SHIFTS_PX = (0.0, 0.125, 0.25, 0.5)
-PLUME_PX, STILL_PX, STRONG_PX = 0.06, 0.02, 0.25
+STRONG_PX = 0.25
+
+PLUME_PX, STILL_PX, UNIT_PX = 0.06, 0.02, 0.1
 THIN = (slice(3, None, 6),) * 2
 SCALES_PX, WINDOWS_PX, FLOOR = (0.0, 0.8), (2.5, 7.0), 0.05
 DIFFERENCES = [
@@ -60,7 +66,18 @@ DIFFERENCES = [
         [[1, 0, 0], [0, -2, 0], [0, 0, 1]],
     )
 ]  # fmt: skip
-HIDDEN, RATE, STEPS, BATCH, UNIT_PX = 48, 3e-3, 3000, 2048, 0.1
+HIDDEN, RATE, STEPS, BATCH = 48, 3e-3, 3000, 2048
+UNETS: dict[str, Callable[[], nn.Module]] = {
+    "lite": lambda: PlumeNet(width=16),
+    "paper": lambda: PaperUNet(width=8),
+}
+UNET_RATE, UNET_BATCH, WARM_UP = 2e-3, 16, 100
+CLEAR_PX, CLEAR_SHARE = 0.4, 0.4
+SIZE_WEIGHT = 0.1
+
+Ask = Callable[[GreyImage], tuple[FloatMap, FloatMap]]
+"""Of an image: probability and size (px) of displacement, (H, W) each."""
+Groups = dict[str, np.ndarray]
 
 
 def held_out(photos: Path) -> list[Path]:
@@ -120,26 +137,27 @@ def energies(image: GreyImage) -> FloatMap:
     return np.log(np.stack(planes, axis=-1) + FLOOR)
 
 
-def pixels(folder: Path) -> tuple[FloatMap, FloatMap]:
-    """(N, F) energies and (N,) |w| of pixels spread over all samples of a folder."""
-    inputs, sizes = [], []
-    for shard in shards_in(folder):
-        for i in range(len(shard)):
-            sample = shard.sample(i)
-            inputs.append(energies(sample.image)[THIN])
-            sizes.append(np.linalg.norm(sample.displacement[THIN], axis=-1))
-    features = len(SCALES_PX) * len(DIFFERENCES) * len(WINDOWS_PX)
-    return np.reshape(inputs, (-1, features)), np.reshape(sizes, -1)
+def samples(folder: Path) -> tuple[GreyImage, FloatMap]:
+    """(N, H, W) images of a folder and |w| in them, px."""
+    shards = list(shards_in(folder))
+    sizes = [np.linalg.norm(s.displacements.astype(np.float32), axis=-1) for s in shards]
+    images = np.concatenate([shard.images for shard in shards])
+    return images.reshape(images.shape[:3]), np.concatenate(sizes)
 
 
-Groups = dict[str, np.ndarray]
-Ask = Callable[[FloatMap], tuple[FloatMap, FloatMap]]
+def loss_of(logit: Tensor, size: Tensor, size_px: Tensor, size_weight: float) -> Tensor:
+    asked = (size_px > PLUME_PX) | (size_px < STILL_PX)
+    plume = (size_px[asked] > PLUME_PX).float()
+    mask = functional.binary_cross_entropy_with_logits(logit[asked], plume)
+    return mask + size_weight * functional.mse_loss(size, size_px / UNIT_PX)
 
 
-def learnt(folder: Path) -> Ask:
-    """A network trained on a folder: energies in; probability and size of displacement out."""
+def perceptron(folder: Path) -> Ask:
+    """Trained on the samples of a folder."""
     torch.manual_seed(0)
-    inputs, sizes = (torch.from_numpy(array) for array in pixels(folder))
+    images, sizes_px = samples(folder)
+    inputs = torch.from_numpy(np.array([energies(image)[THIN] for image in images]))
+    inputs, size_px = inputs.flatten(0, 2), torch.from_numpy(sizes_px[(..., *THIN)].ravel())
     mean, spread = inputs.mean(0), inputs.std(0)
     network = nn.Sequential(
         nn.Linear(inputs.shape[1], HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN), nn.ReLU(),
@@ -150,20 +168,73 @@ def learnt(folder: Path) -> Ask:
     for _ in range(STEPS):
         some = torch.randint(len(inputs), (BATCH,))
         logit, size = network((inputs[some] - mean) / spread).T
-        plume, asked = sizes[some] > PLUME_PX, (sizes[some] > PLUME_PX) | (sizes[some] < STILL_PX)
-        mask = functional.binary_cross_entropy_with_logits(logit[asked], plume[asked].float())
-        loss = mask + functional.mse_loss(size, sizes[some] / UNIT_PX)
+        loss = loss_of(logit, size, size_px[some], 1.0)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
         schedule.step()
 
-    def ask(seen: FloatMap) -> tuple[FloatMap, FloatMap]:
+    def ask(image: GreyImage) -> tuple[FloatMap, FloatMap]:
         with torch.inference_mode():
-            says = network((torch.from_numpy(seen) - mean) / spread).numpy()
+            says = network((torch.from_numpy(energies(image)) - mean) / spread).numpy()
         return 1 / (1 + np.exp(-says[..., 0])), UNIT_PX * says[..., 1]
 
     return ask
+
+
+def unet(kind: str, folder: Path, steps: int) -> Ask:
+    """Trained on the samples of a folder, or as it was before: FOLDER-KIND.pt."""
+    torch.manual_seed(0)
+    network = UNETS[kind]().to(memory_format=torch.channels_last)
+    weights = folder.with_name(f"{folder.name}-{kind}.pt")
+    if weights.exists():
+        network.load_state_dict(torch.load(weights, weights_only=True))
+    else:
+        train(network, *map(torch.from_numpy, samples(folder)), steps)
+        torch.save(network.state_dict(), weights)
+    network.eval()
+
+    def ask(image: GreyImage) -> tuple[FloatMap, FloatMap]:
+        with torch.inference_mode():
+            logit, size = answers(network(torch.from_numpy(image[None, None] / np.float32(255))))
+        return torch.sigmoid(logit[0]).numpy(), UNIT_PX * size[0].numpy()
+
+    return ask
+
+
+def train(network: nn.Module, images: Tensor, size_px: Tensor, steps: int) -> None:
+    optimiser = torch.optim.AdamW(network.parameters(), lr=UNET_RATE)
+    schedule = torch.optim.lr_scheduler.LambdaLR(
+        optimiser, lambda k: min(1, (k + 1) / WARM_UP) * (0.5 + 0.5 * np.cos(np.pi * k / steps))
+    )
+    peak_px = size_px.amax((1, 2))
+    clear = torch.nonzero((peak_px > CLEAR_PX) | (peak_px < STILL_PX)).ravel()
+    for step in range(steps):
+        among = clear if step < CLEAR_SHARE * steps else torch.arange(len(images))
+        some, turns = among[torch.randint(len(among), (UNET_BATCH,))], int(torch.randint(8, ()))
+        image, truth_px = (turned(each[some], turns) for each in (images, size_px))
+        with torch.autocast("cpu", torch.bfloat16):
+            logit, size = answers(network(image[:, None].float() / 255))
+        loss = loss_of(logit, size, truth_px, SIZE_WEIGHT)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        if step % 100 == 99:
+            print(f"step {step + 1} of {steps}: {loss.item():.3f}", flush=True)
+
+
+def answers(says: Prediction) -> tuple[Tensor, Tensor]:
+    """(N, H, W) logit, and size in units."""
+    if says.logit is None:
+        return says.displacement[:, 0].float(), says.displacement[:, 1].float()
+    return says.logit[:, 0].float(), says.displacement[:, 0].float() / UNIT_PX
+
+
+def turned(maps: Tensor, turns: int) -> Tensor:
+    """(N, H, W) by quarters, and mirrored from the fourth on."""
+    maps = maps.rot90(turns % 4, (1, 2))
+    return maps.flip(2) if turns > 3 else maps
 
 
 def noisy(image: GreyImage, seed: int) -> GreyImage:
@@ -202,9 +273,15 @@ def shifted(path: Path, seed: int, shift_px: float) -> dict[str, GreyImage]:
     return {"camera": there, "bilinear": naive_warp(here, moved)}
 
 
+def learnt(options: argparse.Namespace, folder: Path) -> Ask:
+    if options.network == "perceptron":
+        return perceptron(folder)
+    return unet(options.network, folder, options.steps)
+
+
 def table(options: argparse.Namespace) -> None:
     paths = held_out(options.photos)
-    asks = {way: learnt(options.o / f"train-{way}") for way in WAYS}
+    asks = {way: learnt(options, options.o / f"train-{way}") for way in WAYS}
     sets = {
         way: [
             s
@@ -223,18 +300,17 @@ def table(options: argparse.Namespace) -> None:
           f"{STRONG_PX} px | r of sizes |\n|" + "---|" * 7)  # fmt: skip
     sizes = np.array([np.linalg.norm(s.displacement, axis=-1) for s in sets["camera"]])
     for tested, samples in sets.items():
-        seen = [energies(sample.image) for sample in samples]
         for trained, ask in asks.items():
-            score, said = (np.array(maps) for maps in zip(*map(ask, seen), strict=True))
+            answers = [ask(sample.image) for sample in samples]
+            score, said = (np.array(maps) for maps in zip(*answers, strict=True))
             cells = judged(score, said, sizes, groups)
             print(f"| {trained} | {tested} | {' | '.join(cells)} |", flush=True)
     print("\n| moved by | trained on | "
           + " | ".join(f"{s} px" for s in SHIFTS_PX) + " |\n|" + "---|" * 6)  # fmt: skip
     moved = [[shifted(path, i, px) for i, path in enumerate(paths)] for px in SHIFTS_PX]
     for way in WAYS:
-        seen_at = [[energies(images[way]) for images in row] for row in moved]
         for trained, ask in asks.items():
-            means = [np.mean([ask(one)[0].mean() for one in row]) for row in seen_at]
+            means = [np.mean([ask(images[way])[0].mean() for images in row]) for row in moved]
             print(f"| {way} | {trained} | {' | '.join(f'{m:.3f}' for m in means)} |", flush=True)
 
 
@@ -244,9 +320,12 @@ def main() -> None:
     parser.add_argument("--photos", type=Path)
     parser.add_argument("--runs", type=Path)
     parser.add_argument("--samples", type=int, default=4096)
+    parser.add_argument("--network", choices=["perceptron", *UNETS], default="perceptron")
+    parser.add_argument("--steps", type=int, default=2200)
     parser.add_argument("-o", type=Path, required=True)
     options = parser.parse_args()
     cv2.setNumThreads(1)
+    torch.set_num_threads(1)
     {"render": render, "table": table}[options.task](options)
 
 

@@ -121,7 +121,9 @@ class Network:
             raise BadInputError(f"{self.path}: {planes.shape=}, expected ({self.channels}, H, W)")
         height, width = planes.shape[1:]
         padding = [(0, 0), *((0, -side % self.stride) for side in (height, width))]
-        padded = np.pad(planes, padding, mode="reflect").astype(np.float32, copy=False)
+        padded = np.asarray(planes, np.float32)
+        if np.any(padding):
+            padded = np.pad(padded, padding, mode="reflect")
         run = self._run if padded[0].size <= self._largest_px else self._run_tiled
         maps = run(padded)
         return {name: found[:, :height, :width] for name, found in maps.items()}

@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 
 from detect.calibration import LEAST_AUROC, Calibration
-from detect.dybs.detector import CLASS_NAMES, SCORES, SingleFrame
+from detect.dybs.detector import CLASS_NAMES, SCORES
+from detect.dybs.eye import SingleFrame
 from detect.scores import auroc
 from detect.synthesis import Sample, shards_in
 from detect.synthesis.recipe import SAMPLE_FAMILIES

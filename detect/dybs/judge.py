@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.special import expit
 
 from detect.dybs.measure import CHANNELS, Measured, channels
 from detect.network import Maps, Network
@@ -15,6 +16,9 @@ OUTPUTS = {"displacement", "log_variance", "logit"}
 WAVES_AGAIN = 0.1
 """What waves count for beside a judge that has seen them, and shrinks what it never saw a plume do;
 chosen on validation samples."""
+UNSURE, SURE, FROM_LOGIT = 0.5, 1.3, -2.0
+"""What the judge says is too long where it hardly believes in a plume, and too short where it does:
+factors far below and above a logit; chosen on validation samples."""
 
 
 class Judge:
@@ -39,8 +43,10 @@ class Judge:
         """`displacement` px (H, W, 2), `log_variance` and `logit` (H, W) of an image of `shape`."""
         height, width = shape
         says = self.network(channels(measured))
+        belief = expit(says["logit"] - np.float32(FROM_LOGIT))
+        stretched = says["displacement"] * np.float32(UNSURE + (SURE - UNSURE) * belief)
         displacement, log_variance = _with_waves(
-            says["displacement"].transpose(1, 2, 0), says["log_variance"][0], measured
+            stretched.transpose(1, 2, 0), says["log_variance"][0], measured
         )
         maps = {
             "displacement": displacement,

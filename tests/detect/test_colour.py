@@ -9,7 +9,7 @@ pytest.importorskip("torch")
 
 import torch
 
-from detect.dybs.detector import SingleFrame
+from detect.dybs.eye import SingleFrame
 from detect.learning.config import TrainConfig
 from detect.learning.export import export
 from detect.learning.trainer import LAST, train

@@ -6,7 +6,7 @@ import pytest
 
 from detect.detection import Frames
 from detect.dybs import DybsDetector
-from detect.dybs.detector import Reading, SingleFrame, joined
+from detect.dybs.eye import Reading, SingleFrame, joined
 from detect.dybs.measure import measure
 from detect.texture import Texture, texture_classes
 from geometry.errors import BadInputError
@@ -100,9 +100,12 @@ def test_a_network_of_half_the_size_speaks_in_px_of_the_image(tmp_path: Path) ->
 def test_joining_weighs_by_inverse_variance_where_there_is_something_to_read() -> None:
     def says(size: float, variances: list[float]) -> dict[str, np.ndarray]:
         log_variance = np.log(np.array([variances], np.float32))
+        own = np.array([[0, 0, 100]], np.float32)
         displacement = np.full((1, 3, 2), size, np.float32)
         logit = np.full((1, 3), size, np.float32)
-        return {"displacement": displacement, "log_variance": log_variance, "logit": logit}
+        return {
+            "displacement": displacement, "log_variance": log_variance, "own": own, "logit": logit
+        }  # fmt: skip
 
     texture = np.array([[Texture.IRREGULAR, Texture.LATTICE, Texture.STRAIGHT]], np.uint8)
     measured = measure(np.zeros((1, 3), np.uint8), texture)

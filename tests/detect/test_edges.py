@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from detect.dybs.edges import camera_noise, straightness
+from detect.dybs.edges import straightness
+from detect.dybs.points import camera_noise
+from detect.dybs.sound import heard
 
 SHAPE = (128, 128)
 SOFT_PX = 0.6
@@ -130,3 +132,21 @@ def test_the_noise_is_the_cameras() -> None:
     rng = np.random.default_rng(0)
     image = 100 + 0.2 * grid()[..., 0] + rng.normal(0, 2.0, SHAPE)
     assert camera_noise(image.astype(np.float32)) == pytest.approx(2.1, rel=0.1)
+
+
+def test_straight_edges_count_in_broad_believed_places_and_close_to_them() -> None:
+    straight, believed, waves = np.zeros((3, 200, 400), dtype=bool)
+    straight[:, :300] = True
+    believed[:, 10:37] = believed[80:108, 100:128] = believed[95:97, 128:150] = True
+    expected = np.zeros_like(straight)
+    expected[72:116, 92:136] = expected[87:105, 136:158] = True
+    found = heard(straight, believed, waves)
+    np.testing.assert_array_equal(found, expected)
+    assert not heard(straight, np.zeros_like(believed), waves).any()
+
+
+def test_waves_beside_them_make_a_place_broad() -> None:
+    straight, believed, waves = np.zeros((3, 64, 128), dtype=bool)
+    straight[:, :20] = believed[:, :20] = waves[:, 20:40] = True
+    np.testing.assert_array_equal(heard(straight, believed, waves), straight)
+    assert not heard(straight, believed, np.roll(waves, 20, axis=1)).any()

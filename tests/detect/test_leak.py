@@ -71,13 +71,28 @@ def test_blur_is_learnt_from_warped_photos_alone(
     leak.write(tmp_path / "test", [photo], (), 24, seed=1)
     strong = {}
     for way in leak.WAYS:
-        ask = leak.learnt(tmp_path / f"train-{way}")
+        ask = leak.perceptron(tmp_path / f"train-{way}")
         samples = [s for shard in shards_in(tmp_path / f"test-{way}")
                    for s in map(shard.sample, range(len(shard)))]  # fmt: skip
-        maps = [ask(leak.energies(sample.image)) for sample in samples]
+        maps = [ask(sample.image) for sample in samples]
         score, said = (np.array(each) for each in zip(*maps, strict=True))
         sizes = np.array([np.linalg.norm(s.displacement, axis=-1) for s in samples])
         everything = {"all": np.ones(len(samples), dtype=bool)}
         strong[way] = float(leak.judged(score, said, sizes, everything)[1])
     assert strong["bilinear"] > 0.8
     assert 0.35 < strong["camera"] < 0.65
+
+
+@pytest.mark.parametrize("kind", leak.UNETS)
+def test_a_unet_is_trained_once_and_answers_at_the_images_size(
+    photo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    leak.write(tmp_path / "train", [photo], (), 4, seed=0)
+    image = np.random.default_rng(0).integers(0, 256, (96, 96), dtype=np.uint8)
+    first = leak.unet(kind, tmp_path / "train-camera", 2)(image)
+    monkeypatch.setattr(leak, "train", None)
+    again = leak.unet(kind, tmp_path / "train-camera", 2)(image)
+    for one, other in zip(first, again, strict=True):
+        assert one.shape == image.shape
+        np.testing.assert_array_equal(one, other)
+    assert 0 < first[0].min() <= first[0].max() < 1
