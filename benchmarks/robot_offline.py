@@ -2,6 +2,7 @@
 
     python benchmarks/robot_offline.py                       # the bundled sample
     python benchmarks/robot_offline.py SCENE [SCENE ...]     # folders that `locate simulate` wrote
+    python benchmarks/robot_offline.py SCENE --width 320 --neighbours 4 --lag 2
 
 The poses are the true ones, said to be known to 5 mm and 0.05 degrees. No frame is dropped. The
 two choose their frames each in its own way; the sources are compared by the sum of their
@@ -43,9 +44,12 @@ def offline(video: Path, truth: Trajectory, detector: str) -> Plumes:
         return Run(config, Path(folder) / "run").run().plumes
 
 
-def online(video: Path, truth: Trajectory, detector: str) -> Plumes:
+def online(video: Path, truth: Trajectory, detector: str, settings: Settings) -> Plumes:
     locator = Locator(
-        truth.camera, settings=Settings(), detector=make_detector(detector), threaded=False
+        truth.camera,
+        settings=settings,
+        detector=make_detector(detector, neighbours=settings.neighbours),
+        threaded=False,
     )
     rows = {int(index): row for row, index in enumerate(truth.indices)}
     for frame in open_recording(video, max_side=1 << 16).frames():
@@ -64,9 +68,10 @@ def compared(name: str, live: Plumes, run: Plumes, sources: FloatArray) -> str:
     lines = [f"{name}: {len(live)} plumes live, {len(run)} offline, {len(sources)} true"]
     for source in sources if live and run else []:
         a, b = (min(p, key=lambda q: np.linalg.norm(q.source - source)) for p in (live, run))
-        apart = a.source - b.source
+        apart, off = a.source - b.source, a.source - source
         both = squared(apart, a.source_covariance + b.source_covariance)
         lines.append(f"  apart {100 * np.linalg.norm(apart):.1f} cm, Mahalanobis^2 {both:.1f}")
+        lines.append(f"  live off by {100 * off[0]:.0f}, {100 * off[1]:.0f}, {100 * off[2]:.0f} cm")
         for way, plume in (("live", a), ("offline", b)):
             error = squared(plume.source - source, plume.source_covariance)
             lines.append(
@@ -80,7 +85,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", type=Path)
     parser.add_argument("--detector", default="registered")
+    for name in ("width_px", "neighbours", "lag"):
+        option = f"--{name.removesuffix('_px')}"
+        parser.add_argument(option, type=int, default=getattr(Settings(), name), dest=name)
     arguments = parser.parse_args()
+    settings = Settings(
+        width_px=arguments.width_px, neighbours=arguments.neighbours, lag=arguments.lag
+    )
     cv2.setNumThreads(1)
     scenes = arguments.scenes or [SAMPLE]
     for scene in scenes:
@@ -89,7 +100,7 @@ def main() -> None:
         truth = Trajectory.from_dict(content)
         sources = np.array([plume["source"] for plume in content["plumes"]])
         started = time.process_time()
-        live = online(video, truth, arguments.detector)
+        live = online(video, truth, arguments.detector, settings)
         middle = time.process_time()
         run = offline(video, truth, arguments.detector)
         costs = f"  CPU {middle - started:.0f} s live, {time.process_time() - middle:.0f} s offline"

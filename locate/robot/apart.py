@@ -27,7 +27,7 @@ from locate.robot.search import Search
 from locate.robot.settings import Settings
 
 ASKED, TOLD = True, False
-AVAILABLE = os.name == "posix"
+AVAILABLE = os.name == "posix" and bool(sys.executable)
 LEARNED = "registered"
 PROGRAM = f"from {__name__} import main; main()"
 
