@@ -17,6 +17,7 @@ FOOTPRINT_SHARE = 0.85
 NEAREST_DEPTH_UNITS = 0.5
 EXPLAINED_RADII = 1.5
 AGREEING_VIEWS = 3
+SHARPNESS, LEAST_LOOKS = 0.75, 1e-6
 
 
 def spine(columns: FloatArray, heights: FloatArray) -> FloatArray:
@@ -51,16 +52,26 @@ def slabs(column: FloatArray, heights: FloatArray, thickness: float) -> FloatArr
 
 
 def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5) -> FloatArray:
-    """(V, N) evidence of each view for each column, nats.
+    """(V, N) evidence of each view for each column, nats; see `sums`."""
+    return sums(views, columns, along=along, across=across)[0]
 
-    The sum of the llr over the column's outline (its side, foreshortened, and its end), gated by
-    what can be seen there, counted in independent looks.
+
+def sums(
+    views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
+) -> tuple[FloatArray, FloatArray]:
+    """What each view says of each column.
+
+    Sums over the column's outline (its side, foreshortened, and its end), gated by what can be seen
+    there, counted in independent looks.
 
     Args:
         views: The evidence.
         columns: (N, 8) columns.
         along: Samples along the axis.
         across: Samples across it.
+
+    Returns:
+        (V, N) sum of the llr, nats, and (V, N) number of looks that say anything.
     """
     camera = views.trajectory.camera
     focal = camera.focal_px
@@ -76,6 +87,7 @@ def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
     lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     slab = columns[:, HEIGHT, None] * lengths / along
     nats = np.empty((len(views), len(columns)))
+    looks = np.empty_like(nats)
     for i in range(len(views)):
         in_cam = views.trajectory.world_to_cam(i, points)
         depth = np.maximum(in_cam[..., 2], nearest)
@@ -89,14 +101,16 @@ def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
         flat = np.where(inside, y * width + x, 0)
         background = views.inverse_depth[i].ravel().take(flat)
         gate = lever_gate(depth[..., None].astype(np.float32), background) * inside
-        per_height = np.einsum("nsa,nsa->ns", views.llr[i].ravel().take(flat), gate) / across
+        llr = views.llr[i].ravel().take(flat)
         rays = points - centers[i]
         squared = np.einsum("nsk,nsk->ns", rays, rays)
         facing = np.abs(np.einsum("nsk,nk->ns", rays, axes / lengths)) / np.sqrt(squared)
         area = 2 * half_width_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
         area += np.pi * half_width_px**2 * facing / along
-        nats[i] = (per_height * area).sum(axis=-1)
-    return nats / views.correlation_px2
+        area /= across * views.correlation_px2
+        nats[i] = (np.einsum("nsa,nsa->ns", llr, gate) * area).sum(axis=-1)
+        looks[i] = (np.einsum("nsa,nsa->ns", llr != 0, gate) * area).sum(axis=-1)
+    return nats, looks
 
 
 def agreed(nats: FloatArray) -> FloatArray:
@@ -112,6 +126,17 @@ def agreed(nats: FloatArray) -> FloatArray:
 def evidence(views: Views, columns: FloatArray) -> FloatArray:
     """(N,) what all views together say for (N, 8) columns, nats."""
     return agreed(score(views, columns))
+
+
+def stands_out(views: Views, columns: FloatArray) -> FloatArray:
+    """(N,) how clearly (N, 8) columns stand out of what is around them, in no unit of note.
+
+    The sum over views of S / n^0.75, for S nats in n looks. It is largest for a plume's own
+    outline: whatever says less than three quarters of the mean inside lessens it, so that a gap
+    between plumes, where silence may speak too little against a column over all of them, does.
+    """
+    nats, looks = sums(views, columns)
+    return agreed(np.maximum(nats, 0) / np.maximum(looks, LEAST_LOOKS) ** SHARPNESS)
 
 
 def without(views: Views, column: FloatArray, *, radii: float = EXPLAINED_RADII) -> Views:

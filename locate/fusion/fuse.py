@@ -8,8 +8,8 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid
-from locate.fusion.column import X, Y, evidence, without
-from locate.fusion.fit import fit_columns
+from locate.fusion.column import X, Y, evidence, stands_out, without
+from locate.fusion.fit import climb, fit_columns
 from locate.fusion.null import NullLevel
 from locate.fusion.pairs import split
 from locate.fusion.proposals import STARTS, propose
@@ -21,6 +21,7 @@ FALSE_ALARM = 0.01
 NULL_SHARE = 0.8  # of the time that fusion takes
 FAR_UNITS = 1.0
 GHOST_SHARE = 0.1
+KEPT_SHARE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +74,7 @@ def fuse(
             views, box, unit, rng, progress=lambda share: progress(NULL_SHARE * share)
         )
     proposals, grid = propose(views, box, unit, most=STARTS)
-    columns = fit_columns(partial(evidence, views), proposals.columns, unit, rng)
+    columns = fit_columns(partial(stands_out, views), proposals.columns, unit, rng)
     level = max(null.threshold(most_false_alarm), least_nats)
     plumes, left = _take(views, columns, unit, null, level, rng)
     strongest = float(evidence(views, columns).max(initial=0.0))
@@ -100,43 +101,81 @@ def _take(
     rng: np.random.Generator,
 ) -> tuple[list[Plume], Views]:
     """The plumes among the columns, and the views without what those explain."""
+    standing = _standing(views, columns, unit, level, rng)
     plumes: list[Plume] = []
-    for start in columns:
-        if evidence(views, start[None])[0] < level:
-            continue
-        parts = split(views, start, unit, rng)
-        found = _measured(parts, unit, null, level, rng)
-        if len(found) < len(parts):
-            found = _measured([(start, views)], unit, null, level, rng)
-        for column, plume in found:
-            plumes.append(plume)
-            views = without(views, column)
-    return plumes, views
+    for k, column in enumerate(standing):
+        stronger = reduce(without, standing[:k], views)
+        alone = reduce(without, standing[k + 1 :], stronger)
+        pair = split(alone, column, unit, rng)
+        halves = [_measured(part, rest, rest, 2, null, level, rng) for part, rest in pair]
+        found = [half for half in halves if half is not None]
+        if len(found) < 2:
+            whole = _measured(column, alone, stronger, 1, null, level, rng)
+            found = [] if whole is None else [whole]
+        plumes += found
+    return plumes, reduce(without, standing, views)
+
+
+def _standing(
+    views: Views,
+    columns: Iterable[FloatArray],
+    unit: float,
+    level: float,
+    rng: np.random.Generator,
+) -> list[FloatArray]:
+    """The columns above the level once those before them are taken out, strongest first.
+
+    One that lives on the evidence of a stronger one is its ghost: without it the other has less
+    than `KEPT_SHARE` of its own.
+    """
+    left, above = views, []
+    for column in columns:
+        _, nats = climb(partial(evidence, left), column[None], unit, rng)
+        if nats[0] >= level:
+            above.append(column)
+            left = without(left, column)
+    standing: list[FloatArray] = []
+    for column in sorted(above, key=lambda each: -_nats(views, each)):
+        rest = without(views, column)
+        if all(_nats(rest, other) >= KEPT_SHARE * _nats(views, other) for other in standing):
+            standing.append(column)
+    return standing
+
+
+def _nats(views: Views, column: FloatArray) -> float:
+    return float(evidence(views, column[None])[0])
 
 
 def _measured(
-    parts: list[tuple[FloatArray, Views]],
-    unit: float,
+    column: FloatArray,
+    alone: Views,
+    judged: Views,
+    share: int,
     null: NullLevel,
     level: float,
     rng: np.random.Generator,
-) -> list[tuple[FloatArray, Plume]]:
-    """Those of the columns that are plumes, with the columns where they really stand.
+) -> Plume | None:
+    """The plume that a column is; None where it is none.
 
     Of two that one column held, each needs half of what a plume alone does: that something stands
     there was shown by both.
+
+    Args:
+        column: The column.
+        alone: The views in which no other plume stands.
+        judged: Those in which it must show what a plume does.
+        share: How many plumes share that.
+        null: What chance makes.
+        level: What a plume needs, nats.
+        rng: Of the search.
     """
-    found = []
-    for part, views in parts:
-        sighted = find_axis(views, part, unit, rng)
-        if sighted is None:
-            continue
-        column, axis = sighted
-        strength = len(parts) * float(evidence(views, column[None])[0])
-        if strength >= level:
-            plume = measured(views, column, axis, unit, null.false_alarm(strength))
-            found.append((column, plume))
-    return found
+    sighted = find_axis(alone, column, alone.unit, rng)
+    if sighted is None:
+        return None
+    strength = share * _nats(judged, sighted[0])
+    if strength < level:
+        return None
+    return measured(alone, *sighted, alone.unit, null.false_alarm(strength))
 
 
 def _far_columns(

@@ -8,6 +8,7 @@ one, and of a single plume there is nothing left to explain for a second.
 
 from dataclasses import replace
 from functools import partial
+from heapq import nlargest
 from itertools import product
 
 import numpy as np
@@ -19,10 +20,11 @@ from locate.fusion.column import (
     X,
     Y,
     agreed,
+    evidence,
     score,
     without,
 )
-from locate.fusion.fit import climb, distinct
+from locate.fusion.fit import Worth, climb, distinct
 from locate.fusion.views import Views
 
 LEVEL_SHARE = 0.5
@@ -30,28 +32,42 @@ HALF_GAPS_UNITS = (0.3, 0.45, 0.6)
 DIRECTIONS_RAD = np.arange(4) * np.pi / 4
 RADIUS_UNITS, OPENING_START = 0.12, 0.06
 FITTED_IN_TURNS = 2
-LEAST_GAIN = 0.3
+LEAST_GAIN, LEAST_SHARE = 0.3, 0.2
+STARTS = 2
 
 
 def split(
     views: Views, column: FloatArray, unit: float, rng: np.random.Generator
 ) -> list[tuple[FloatArray, Views]]:
-    """The column, or the two that it holds, each with the views in which nothing else stands.
+    """The two plumes that a column holds, each with the views in which the other does not stand.
 
-    It holds two where they stand apart at all heights and explain `LEAST_GAIN` more than one.
+    None where it holds one: two stand apart at all heights, explain `LEAST_GAIN` more, and each has
+    `LEAST_SHARE` of its evidence where the other does not stand.
     """
-    sharp = _sharpened(views, column)
-    first, second = max(_apart(column, unit), key=lambda pair: _explained(sharp, *pair))
+    wide = _climbed(partial(evidence, views), column, unit, rng)
+    sharp = _sharpened(views, wide)
+    single = _climbed(partial(_shown, sharp), wide, unit, rng)
+    least = (1 + LEAST_GAIN) * float(_shown(sharp, single[None])[0])
+    starts = nlargest(STARTS, _apart(wide, unit), key=lambda pair: _explained(sharp, *pair))
+    pairs = [_fitted(sharp, *pair, unit, rng) for pair in starts]
+    apart = [pair for pair in pairs if len(distinct(np.stack(pair), unit)) == 2]
+    best = max(apart, key=lambda pair: _explained(sharp, *pair), default=None)
+    if best is None or _explained(sharp, *best) < least:
+        return []
+    first, second = best
+    parts = [(first, _alone(views, second)), (second, _alone(views, first))]
+    weaker = min(float(evidence(alone, part[None])[0]) for part, alone in parts)
+    return parts if weaker > LEAST_SHARE * float(evidence(views, wide[None])[0]) else []
+
+
+def _fitted(
+    sharp: Views, first: FloatArray, second: FloatArray, unit: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Two columns fitted in turns, each to what the other leaves."""
     for _ in range(FITTED_IN_TURNS):
-        first = _fitted(_alone(sharp, second), first, unit, rng)
-        second = _fitted(_alone(sharp, first), second, unit, rng)
-        if len(distinct(np.stack([first, second]), unit)) < 2:
-            return [(column, views)]
-    single = _fitted(sharp, column, unit, rng)
-    one = float(_shown(sharp, single[None])[0])
-    if _explained(sharp, first, second) < (1 + LEAST_GAIN) * one:
-        return [(column, views)]
-    return [(first, _alone(views, second)), (second, _alone(views, first))]
+        first = _climbed(partial(_shown, _alone(sharp, second)), first, unit, rng)
+        second = _climbed(partial(_shown, _alone(sharp, first)), second, unit, rng)
+    return first, second
 
 
 def _sharpened(views: Views, column: FloatArray) -> Views:
@@ -78,8 +94,8 @@ def _alone(views: Views, other: FloatArray) -> Views:
     return without(views, other, radii=1.0)
 
 
-def _fitted(views: Views, column: FloatArray, unit: float, rng: np.random.Generator) -> FloatArray:
-    columns, _ = climb(partial(_shown, views), column[None], unit, rng)
+def _climbed(worth: Worth, column: FloatArray, unit: float, rng: np.random.Generator) -> FloatArray:
+    columns, _ = climb(worth, column[None], unit, rng)
     return np.asarray(columns[0])
 
 

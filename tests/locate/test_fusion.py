@@ -8,7 +8,7 @@ from detect.registered.detector import silent
 from locate.decide import hidden_note, silence_notes
 from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
-from locate.fusion.column import score, spine, without
+from locate.fusion.column import evidence, score, spine, stands_out, without
 from locate.fusion.fuse import fuse
 from locate.fusion.graph import averaged, estimate_axis
 from locate.fusion.null import NullLevel
@@ -69,7 +69,7 @@ def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
     assert (views.llr > 0).any()
 
 
-@pytest.mark.parametrize(("gap_m", "count"), [(0.0, 1), (1.0, 2)])
+@pytest.mark.parametrize(("gap_m", "count"), [(0.0, 0), (1.0, 2)])
 def test_a_column_over_two_plumes_is_split_and_one_over_one_is_not(
     truth: Truth, gap_m: float, count: int
 ) -> None:
@@ -89,6 +89,36 @@ def test_a_column_over_two_plumes_is_split_and_one_over_one_is_not(
             assert away < gap_m / 3
     for column, alone in parts:
         assert score(alone, column[None]).sum() > 0.5 * score(both, as_column(truth)[None]).sum()
+
+
+def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
+    beside = replace(truth, source=truth.source + np.array([1.6, 0, 0]))
+    first, second = (
+        corrupted_views(plume, orbit(8, 60), np.random.default_rng(0), NONE)
+        for plume in (truth, beside)
+    )
+    loud = np.maximum(first.llr, second.llr)
+    both = replace(first, llr=np.where(loud < 0, -0.1, loud).astype(np.float32))
+    over = as_column(truth)
+    over[0] += 0.8
+    over[6] += 0.8
+    columns = np.stack([as_column(truth), over])
+    assert np.diff(evidence(both, columns)) > 0
+    assert np.diff(stands_out(both, columns)) < 0
+
+
+def test_three_plumes_are_three() -> None:
+    truths = [
+        replace(random_truth(np.random.default_rng(k)), source=np.array([x, y, 0.0]))
+        for k, (x, y) in enumerate([(-1.8, 0.3), (0.1, -0.6), (1.7, 0.6)])
+    ]
+    seen = [corrupted_views(t, orbit(10, 60), np.random.default_rng(1), NONE) for t in truths]
+    views = replace(seen[0], llr=np.maximum.reduce([each.llr for each in seen]))
+    null = NullLevel(strongest=np.zeros(2), location=10.0, scale=1.0)
+    plumes = fuse(views, null=null).plumes
+    assert len(plumes) == 3
+    for each in truths:
+        assert min(np.linalg.norm(plume.source - each.source) for plume in plumes) < 0.15
 
 
 def test_errors_that_neighbouring_views_share_are_seen_and_widen_the_covariance(
