@@ -1,5 +1,6 @@
 """`locate train`: shipped trainings by name, and lessons that are not there yet."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -7,12 +8,13 @@ import pytest
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered.features import FEATURES, Feature
-from detect.registered.lessons import Leaks, lesson_path
+from detect.registered.lessons import lesson_path
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
 from locate.commands import train
 from locate.commands.train import config_path, render_missing_lessons
 from locate.detectors import DYBS_WEIGHTS
+from locate.simulation import make_lessons
 
 
 @pytest.mark.parametrize("name", ["registered", "lite-fast", "lite", "paper"])
@@ -66,9 +68,9 @@ def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.M
     lesson_path(plants.folder, 4).touch()
     made = []
 
-    def render(folder: Path, photos: tuple[Path, ...] | None, leaks: Leaks, seed: int) -> None:
-        splits = {split_of_photo(photo) for photo in photos or ()}
-        made.append((folder.name, splits, leaks, seed))
+    def render(pool: PoolConfig, photos: tuple[Path, ...], seed: int) -> None:
+        splits = {split_of_photo(photo) for photo in photos}
+        made.append((pool.folder.name, splits, pool.leaks, seed))
 
     monkeypatch.setattr(train, "ProcessPoolExecutor", _Here)
     monkeypatch.setattr(train, "_render_lesson", render)
@@ -80,6 +82,28 @@ def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.M
         ("more", {"train"}, "anywhere", 8),
     ]
     assert told == [("lessons: plants", 0.5), ("lessons: plants", 1), ("lessons: photos", 1)]
+
+
+def test_each_pool_is_rendered_its_own_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[object, ...]] = []
+
+    def noted(kind: str) -> Callable[..., None]:
+        return lambda *given, **named: asked.append((kind, *given, named))
+
+    monkeypatch.setattr(make_lessons, "write_photo_lessons", noted("photos"))
+    monkeypatch.setattr(make_lessons, "write_set_lessons", noted("set"))
+    folder, photos = tmp_path / "lessons", [tmp_path / "a.png"]
+    rough = PoolConfig(folder=folder, photos=tmp_path, rough=True)
+    train._render_lesson(rough, photos, 3)
+    train._render_lesson(PoolConfig(folder=folder, photo_set=tmp_path / "set"), (), 4)
+    assert asked == [
+        ("photos", photos, [3], folder, {"leaks": "nozzle", "rough": True}),
+        ("set", tmp_path / "set", [4], folder, {}),
+    ]
+    with pytest.raises(ValueError, match="made of photos"):
+        PoolConfig(folder=folder, rough=True)
 
 
 class _Here:
