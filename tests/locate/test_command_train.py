@@ -84,9 +84,7 @@ def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.M
     assert told == [("lessons: plants", 0.5), ("lessons: plants", 1), ("lessons: photos", 1)]
 
 
-def test_each_pool_is_rendered_its_own_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_pool_is_rendered_its_own_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[object, ...]] = []
 
     def noted(kind: str) -> Callable[..., None]:
