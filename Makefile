@@ -1,5 +1,6 @@
 VENV ?= .venv
 PHOTOS ?= ../shared/data/3_backgrounds
+SETS ?= ../shared/data/2_sfm
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
@@ -10,7 +11,7 @@ help:
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
 	@echo "make ros     the ROS 2 node against real rclpy, Kilted and Jazzy"
 	@echo "make bench   the slow tests and the benchmarks: hours"
-	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR"
+	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR, sets in SETS=DIR"
 	@echo "make lint    ruff, mypy and import-linter only"
 
 demo: $(VENV)/runtime.stamp
@@ -40,8 +41,11 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/robot_update.py
 
 train: $(VENV)/dev.stamp
-	mkdir -p build/data
+	mkdir -p build/data/sets
 	ln -sfn $(abspath $(PHOTOS)) build/data/photos
+	ln -sfn $(abspath $(SETS))/lund_door build/data/sets/lund_door
+	$(BIN)/locate run $(SETS)/drone_caliterra_gps/images_half -o build/data/sets/caliterra
+	$(BIN)/locate run $(SETS)/drone_brighton_beach_gps/images_half -o build/data/sets/brighton_beach
 	$(BIN)/locate train lite-fast -o build/lite_fast --data build/data
 	$(BIN)/locate train judge -o build/judge --data build/data
 	$(BIN)/locate train registered -o build/registered --data build/data

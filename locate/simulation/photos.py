@@ -17,8 +17,8 @@ from geometry.pose_files import read_named_poses
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 
-COLMAP_FOLDERS = (".", "sparse/0", "sparse", "colmap_ground_truth")
-IMAGE_FOLDERS = ("images", "images_half", ".")
+COLMAP_FOLDERS = (".", "sparse/0", "sparse", "colmap_ground_truth", "sfm/model")
+IMAGE_FOLDERS = ("images", "images_half", "frames", ".")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +40,8 @@ class PhotoSet:
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Reads a COLMAP model, Strecha's `.camera` files, or a transforms.json, with the photos.
+
+        A folder that `locate run` wrote is one, too.
 
         Raises:
             BadInputError: There is none of the three, or it is broken, or the photos are missing.

@@ -162,6 +162,16 @@ def test_a_plume_before_a_set_is_where_the_truth_says(
     assert np.corrcoef(seen[there].ravel(), w[there].ravel())[0, 1] > 0.5
 
 
+def test_the_folder_of_a_run_is_a_photo_set(photo_set: PhotoSet, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    (folder / "images").rename(folder / "frames")
+    (folder / "sfm").mkdir()
+    (folder / "sparse").rename(folder / "sfm" / "model")
+    loaded = PhotoSet.load(folder)
+    assert [path.parent.name for path in loaded.paths] == ["frames"] * COUNT
+    np.testing.assert_array_equal(loaded.points_in_world, photo_set.points_in_world)
+
+
 def test_a_set_without_points_is_refused(photo_set: PhotoSet) -> None:
     with pytest.raises(BadInputError, match="without sparse points"):
         make_set_lesson(replace(photo_set, points_in_world=np.empty((0, 3))), 1)
