@@ -56,6 +56,21 @@ class Detection:
                 f"{self.displacement.shape=} and {self.sigma_px.shape=} do not fit {shape=}"
             )
 
+    @classmethod
+    def silent(cls, shape: tuple[int, ...], *, depth: bool = False) -> Self:
+        """Of a frame, (H, W), that nothing could be measured in.
+
+        Args:
+            shape: Of the frame.
+            depth: Whether the detector measures depth, which is unknown then.
+        """
+        return cls(
+            displacement=np.zeros((*shape, 2), np.float32),
+            sigma_px=np.full(shape, np.inf, np.float32),
+            llr=np.zeros(shape, np.float32),
+            inverse_depth=np.full(shape, np.nan, np.float32) if depth else None,
+        )
+
     def save(self, path: Path) -> None:
         """Writes a float16 .npz, whole or not at all."""
         arrays = {"displacement": self.displacement, "sigma_px": self.sigma_px, "llr": self.llr}

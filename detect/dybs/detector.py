@@ -50,7 +50,7 @@ class DybsDetector:
         image = frames.images[index]
         reading = Reading.of(image, self.eye.judge)
         if not self._heard(reading.texture).any():
-            return silence(image.shape)
+            return Detection.silent(image.shape)
         return self.judge(joined(self.eye.maps(image), reading))
 
     def judge(self, look: Look) -> Detection:
@@ -67,12 +67,3 @@ class DybsDetector:
     def _heard(self, texture: Classes) -> BoolArray:
         """(H, W) where the calibration knows the class."""
         return np.isin(texture, [CLASS_NAMES.index(name) for name in self.calibration.scales])
-
-
-def silence(shape: tuple[int, ...]) -> Detection:
-    """Of an image, (H, W), that has nothing to say anywhere."""
-    return Detection(
-        displacement=np.zeros((*shape, 2), np.float32),
-        sigma_px=np.full(shape, np.inf, np.float32),
-        llr=np.zeros(shape, np.float32),
-    )

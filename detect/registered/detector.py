@@ -71,7 +71,7 @@ class RegisteredDetector:
         """
         measured = self.measure(frames, index)
         if measured is None:
-            return silent(frames.images[index].shape)
+            return Detection.silent(frames.images[index].shape, depth=True)
         return self.judge(*measured)
 
     def judge(self, measurement: Measurement, inverse_depth_unit: float) -> Detection:
@@ -122,17 +122,6 @@ class RegisteredDetector:
         if not seen.any():
             return typical_inverse_depth(frames, trajectory, index)
         return float(1 / np.median(points[seen, 2]))
-
-
-def silent(shape: tuple[int, ...]) -> Detection:
-    """The detection of a frame that nothing could be measured in."""
-    nothing = np.zeros(shape, np.float32)
-    return Detection(
-        displacement=np.zeros((*shape, 2), np.float32),
-        sigma_px=nothing + np.inf,
-        llr=nothing,
-        inverse_depth=nothing + np.nan,
-    )
 
 
 def judged(measurement: Measurement, inverse_depth_unit: float) -> Detection:

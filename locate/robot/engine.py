@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from detect.detection import Detector
-from detect.registered.detector import silent
+from detect.detection import Detection, Detector
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.grid import lever_gate
@@ -68,7 +67,7 @@ class Engine:
         try:
             detection = detector.detect(task.frames, task.row)
         except BadInputError:
-            detection = silent(task.key.image.shape)
+            detection = Detection.silent(task.key.image.shape, depth=True)
         with self._adding:
             if task.window is not self._window:
                 return news

@@ -4,6 +4,8 @@ The camera strides, turns and comes closer, so that neighbours lie far apart; se
 the frames at once. A network that has only seen frames registered well takes all others for plumes.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
@@ -22,8 +24,7 @@ def roughened(take: Take) -> Take:
     rng = take.scene.random(26)
     scene = take.scene.model_copy(update={"path": _rough_path(take.scene.path, rng)})
     names = rng.choice(list(NUISANCES), rng.integers(*HOW_MANY), replace=False)
-    moved = Take(scene=scene, photos=take.photos, cards=take.cards)
-    return spoiled(moved, [str(name) for name in names], rng)
+    return spoiled(replace(take, scene=scene), [str(name) for name in names], rng)
 
 
 def _rough_path(path: PathBlock, rng: np.random.Generator) -> PathBlock:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from detect.registered.detector import silent
+from detect.detection import Detection
 from locate.decide import hidden_note, silence_notes
 from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
@@ -385,7 +385,7 @@ def test_best_interval_is_the_largest_run_sum() -> None:
 
 
 def test_frames_that_the_network_is_silent_of_are_counted() -> None:
-    mute = silent((4, 6))
+    mute = Detection.silent((4, 6), depth=True)
     seen = replace(mute, llr=np.ones((4, 6), np.float32))
     (note,) = silence_notes([mute, seen, mute], "registered+dybs")
     assert note.startswith("2 of 3 frames")

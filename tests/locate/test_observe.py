@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from detect.detection import Detection, Frames
-from detect.registered.detector import silent as nothing
 from detect.response import Response
 from geometry.camera import Camera
 from geometry.errors import BadInputError
@@ -27,7 +26,7 @@ class Blind:
         self.response = response
 
     def detect(self, frames: Frames, index: int) -> Detection:
-        return nothing(frames.images[index].shape)
+        return Detection.silent(frames.images[index].shape, depth=True)
 
 
 @pytest.mark.parametrize("response", [SAYS, None])
