@@ -50,4 +50,5 @@ class RegistrationError(LocateError):
 def first_complaint(error: "ValidationError") -> tuple[str, str]:
     """Where the first thing wrong with settings stands, as names joined by dots, and what it is."""
     first = error.errors()[0]
-    return ".".join(str(part) for part in first["loc"]), str(first["msg"])
+    what = str(first["msg"]).removeprefix("Value error, ")
+    return ".".join(str(part) for part in first["loc"]), what

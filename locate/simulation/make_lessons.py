@@ -10,7 +10,6 @@ each is.
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -105,7 +104,7 @@ def main() -> None:
     try:
         _write(arguments)
     except LocateError as error:
-        sys.exit(f"error: {error}")
+        parser.exit(error.exit_code, f"error: {error}\n")
 
 
 def _write(arguments: argparse.Namespace) -> None:

@@ -47,8 +47,7 @@ class Document(Block):
             return cls.model_validate(content)
         except ValidationError as error:
             field, what = first_complaint(error)
-            reason = what.removeprefix("Value error, ")
-            raise BadInputError(f"{path}: field {field or 'scene'}: {reason}") from error
+            raise BadInputError(f"{path}: field {field or 'scene'}: {what}") from error
 
     def save(self, path: FilePath) -> None:
         """Writes a YAML file that `load` reads back."""
