@@ -129,9 +129,8 @@ class Reader:
 def _measured(inputs: FloatMap, texture: FloatMap) -> BoolArray:
     """(H, W) where features hold something; nowhere in a frame that is registered too badly."""
     seen = (texture >= LEAST_TEXTURE) & (feature(inputs, "visible") >= LEAST_SEEN)
-    sigma_px = feature(inputs, "log_sigma")[seen]
-    registered = bool(sigma_px.size) and np.median(sigma_px) <= MOST_SIGMA_PX
-    return seen & registered
+    well = seen & (feature(inputs, "log_sigma") <= MOST_SIGMA_PX)
+    return seen & (2 * np.count_nonzero(well) >= np.count_nonzero(seen))
 
 
 def _no_opinion(places: Places) -> Opinion:
@@ -147,5 +146,7 @@ def _no_opinion(places: Places) -> Opinion:
 
 def places_of(texture: FloatMap, depth_edge_px: FloatMap) -> Places:
     """(H, W) of `Place`, by the gradients and the depth edges there."""
-    places = np.digitize(texture, TEXTURES)
-    return np.where(depth_edge_px > EDGE_PX, Place.EDGE, places).astype(np.uint8)
+    places = np.zeros(texture.shape, np.uint8)
+    for limit in TEXTURES:
+        places += texture >= limit
+    return np.where(depth_edge_px > EDGE_PX, np.uint8(Place.EDGE), places)

@@ -219,8 +219,15 @@ def test_contrast_and_brightness_are_taken_out() -> None:
     network = PlumeNet(width=4)
     bright, dim = (network._planes(scale * image)[:, 4:] for scale in (1.0, 0.5))
     assert bright == pytest.approx(dim, abs=0.1)
-    features = PlumeNet(width=4, channels=3, normalise=False)
-    assert features._planes(torch.rand(1, 3, 16, 16)).shape == (1, 12, 8, 8)
+
+
+def test_features_are_read_as_their_four_phases_would_be() -> None:
+    network = PlumeNet(width=4, channels=3, normalise=False)
+    wide, inputs = network.stem[0], torch.rand(1, 3, 16, 24)
+    phases = wide.weight.reshape(-1, 3, 3, 2, 3, 2).permute(0, 1, 3, 5, 2, 4).reshape(-1, 12, 3, 3)
+    shuffled = torch.nn.functional.pixel_unshuffle(inputs, 2)
+    expected = torch.nn.functional.conv2d(shuffled, phases, padding=1)
+    torch.testing.assert_close(wide(inputs), expected)
 
 
 def test_the_papers_network() -> None:
