@@ -1,6 +1,6 @@
 """The axis of a column sighted in each view: where, across it, the evidence lies."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,10 +17,11 @@ from locate.fusion.column import (
     axis_direction,
     score,
     spine,
+    without,
 )
 from locate.fusion.views import Views
 
-HEIGHTS, SECTIONS = 6, (0.0, 0.15, 0.35, 0.6, 1.0)
+HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
 REACH_RADII = 2.5
 PROFILE_SAMPLES = 101
 EDGE_SAMPLES = 5
@@ -28,6 +29,7 @@ VIEW_SAW_NATS = 0.5
 SECTION_SAW_LLR = 0.4
 LOOK_PX2 = 10.0
 LEAST_RADIUS_PX = 2.0
+CORE_PERCENTILE, FEWEST_COVERED = 80, 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +65,7 @@ def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
     to wherever its window stands. Where the pixels there do not speak for a plume, nothing was
     sighted: silence before a contradicting background is no plume.
     """
+    views = _core(views, column)
     middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
     sections = column[HEIGHT] * (low + (high - low) * middles)
@@ -85,6 +88,24 @@ def sight_axis(views: Views, column: FloatArray) -> AxisSightings:
         by_shift=rows[:, 2:4],
         by_pose=rows[:, 4:],
     )
+
+
+def _core(views: Views, column: FloatArray) -> Views:
+    """The views with less evidence where light is bent less than in most of the column.
+
+    Around a strong plume the air is bent little and far to one side, which speaks for refraction as
+    much as the middle does, but is not where the axis is.
+    """
+    covered = (without(views, column, radii=1.0).llr == 0) & (views.llr > 0)
+    noise = np.minimum(views.sigma_px, views.displacement_px)
+    size = np.sqrt(views.displacement_px**2 - noise**2)
+    llr = views.llr.copy()
+    for i in np.flatnonzero(covered.sum(axis=(1, 2)) >= FEWEST_COVERED):
+        most = np.percentile(size[i][covered[i]], CORE_PERCENTILE)
+        if most > 0:
+            share = np.minimum(1, size[i] / most)
+            llr[i] = np.where(llr[i] > 0, llr[i] * share, llr[i])
+    return replace(views, llr=llr)
 
 
 def _sight(views: Views, i: int, column: FloatArray, heights: FloatArray) -> FloatArray | None:

@@ -6,7 +6,8 @@ similar (Morton, Taylor and Turner, Proc. R. Soc. A 234, 1956), or with its root
 turbulence carries wanders (Taylor, Proc. London Math. Soc. 20, 1921): the recording decides. Two
 views that follow each other closely see the same sway, and a camera that moves on steadily cannot
 tell a slow one from parallax. How far and how slowly a plume sways is therefore taken from the
-scatter of its own sightings, and what remains unknown of both is averaged over.
+scatter of its own sightings, and what remains unknown of both is averaged over. All views see the
+same mean path, which wind bends: by how much is not known beforehand.
 """
 
 from collections.abc import Sequence
@@ -28,6 +29,7 @@ SHARES_ALIKE = (0.0, 0.9)
 ALIKE_OF_NEIGHBOURS = 0.8
 PERSISTENCES = 4
 NEAREST_UNITS = 0.02
+BEND = 0.3
 STUDENT_FREEDOM = 4.0
 ROBUST_TURNS = 3
 NEGLIGIBLE_NATS = 8.0
@@ -38,8 +40,8 @@ class Sway:
     """What the sightings of one plume scatter by, averaged over all that could explain it.
 
     Attributes:
-        covariance_px2: (N, N) of what is common to sightings near in time and height: the sway,
-            and what the evidence of neighbouring views has wrong alike.
+        covariance_px2: (N, N) of what is common to sightings: the sway and what the evidence of
+            neighbouring views has wrong alike, for those near in time and height; the bend.
         sigma_px: (N,) of what is each sighting's own; large for outliers.
         inflation: Of the sightings' own sigmas, outliers apart.
         share_alike: Of their variance that neighbouring views have in common.
@@ -69,7 +71,7 @@ class Sway:
         own = self.inflation * np.sqrt(1 - self.share_alike)
         return replace(
             self,
-            covariance_px2=self.rate**2 * shape + alike,
+            covariance_px2=self.rate**2 * shape + alike + _bend(sightings, origin, unit),
             sigma_px=own * sightings.sigma_px,
         )
 
@@ -117,7 +119,7 @@ def estimate_sway(
         among: What else could explain them need not be tried; nothing: all is.
     """
     grid = list(among) or _explanations(sightings.time_s)
-    alike = _alike(sightings)
+    alike, bend = _alike(sightings), _bend(sightings, origin, unit)
     shapes = {
         (t, growth): _shape(sightings, origin, unit, t, growth)
         for t, growth in {(e.persistence_s, e.growth) for e in grid}
@@ -125,7 +127,7 @@ def estimate_sway(
 
     def common(e: Explanation) -> FloatArray:
         sway = e.rate**2 * shapes[e.persistence_s, e.growth]
-        return np.asarray(sway + e.inflation**2 * e.share_alike * alike)
+        return np.asarray(sway + e.inflation**2 * e.share_alike * alike + bend)
 
     stated = sightings.sigma_px**2
     weight = np.ones(len(sightings))
@@ -177,12 +179,28 @@ def _shape(
     sightings: AxisSightings, origin: float, unit: float, persistence_s: float, growth: float
 ) -> FloatArray:
     """(N, N) covariance of the offsets, px^2, for a rate of one."""
-    height = np.maximum(sightings.height - origin, NEAREST_UNITS * unit)
+    height = _above(sightings, origin, unit)
     low, high = np.minimum.outer(height, height), np.maximum.outer(height, height)
     apart_s = np.abs(np.subtract.outer(sightings.time_s, sightings.time_s))
     lean = sightings.by_shift @ sightings.by_shift.T
     in_height = (low * high) ** growth * high.max() ** (2 - 2 * growth) * low / high
     return np.asarray(lean * in_height * np.exp(-apart_s / persistence_s))
+
+
+def _bend(sightings: AxisSightings, origin: float, unit: float) -> FloatArray:
+    """(N, N) covariance of the offsets, px^2, by a mean path that is a parabola.
+
+    It leaves the source along the axis; `BEND` is the standard deviation of how far it is off the
+    axis at the highest sighting, per unit of height.
+    """
+    height = _above(sightings, origin, unit)
+    lean = sightings.by_shift @ sightings.by_shift.T
+    return np.asarray((BEND * np.outer(height, height) / height.max()) ** 2 * lean)
+
+
+def _above(sightings: AxisSightings, origin: float, unit: float) -> FloatArray:
+    """(N,) heights above the source."""
+    return np.maximum(sightings.height - origin, NEAREST_UNITS * unit)
 
 
 def _alike(sightings: AxisSightings) -> FloatArray:

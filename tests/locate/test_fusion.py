@@ -391,3 +391,34 @@ def test_frames_that_the_network_is_silent_of_are_counted() -> None:
     assert note.startswith("2 of 3 frames")
     assert silence_notes([seen], "registered") == []
     assert silence_notes([mute], "registered-plain") == []
+
+
+def test_the_axis_is_sought_in_the_core_of_a_plume(truth: Truth) -> None:
+    views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1), NONE)
+    column = as_column(truth)
+    width = views.llr.shape[2]
+    beside = np.maximum(views.llr, np.roll(views.llr, width // 80, axis=2))
+    weak = np.where(views.displacement_px > 0.5, views.displacement_px, 0.15).astype(np.float32)
+    even = np.ones_like(weak)
+    halo = replace(views, llr=beside)
+    offsets = [
+        sight_axis(replace(halo, displacement_px=size), column).offset_px for size in (weak, even)
+    ]
+    assert abs(np.median(offsets[0])) < 0.5 * abs(np.median(offsets[1]))
+
+
+def test_stated_covariance_is_honest_for_bent_plumes(
+    seen: tuple[np.ndarray, AxisSightings, Views],
+) -> None:
+    column, sightings, views = seen
+    rng = np.random.default_rng(0)
+    nees = []
+    for _ in range(15):
+        path = 0.5 * rng.normal(size=2) * (sightings.height[:, None] / column[5]) ** 2
+        offsets_px = (sightings.by_shift * path).sum(axis=1) + rng.normal(size=len(sightings))
+        drawn = replace(sightings, offset_px=offsets_px)
+        axis = estimate_axis(views.trajectory, column, drawn, views.unit)
+        assert axis is not None
+        error = axis.line[:2] - column[:2]
+        nees.append(error @ np.linalg.solve(axis.covariance[:2, :2], error) / 2)
+    assert np.mean(nees) < 1.8
