@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/registered_learned.py render FOLDER [--scenes 6]
     ... table NETWORK.onnx FOLDER
     ... lessons NETWORK.onnx LESSONS... [--seeds FIRST END]...
-    ... speed NETWORK.onnx
+    ... speed NETWORK.onnx [--run RUN]
 
 `render` makes test lessons of 320 x 240 px, a folder for each strength and noise: layouts of the
 same generator as the training's, of seeds that nothing was trained, chosen or calibrated on
@@ -17,27 +17,31 @@ log of the share of positives over the share of negatives whose llr lies there.
 import argparse
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import cv2
 import numpy as np
+from detection_limit import recorded
 
 from detect.evidence import LLR_MAX, LLR_MIN, displacement_evidence
 from detect.registered.calibrate import Read, chosen, read_lesson
+from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.detector import trust as trust_in
-from detect.registered.features import FEATURES, SMALL_PX, feature
+from detect.registered.features import FEATURES, SMALL_PX, feature, features
 from detect.registered.learned import CLASS_NAMES, Reader
 from detect.registered.lessons import KINDS, Lesson, lesson_path, lesson_paths
 from detect.scores import auroc, average_precision
 from geometry.arrays import FloatMap
+from locate.observe import load_points, spread
 
 FIRST_SEED = 300_000
 CONDITIONS = ((1.0, 1.0), (0.3, 1.0), (0.3, 3.0), (0.1, 1.0), (0.0, 1.0), (0.0, 3.0))
 THIN = (slice(1, None, 4),) * 2
 BINS = np.array([LLR_MIN, -1, -0.5, 0.5, 1, 1.5, 2, 2.5, 3, 3.5, LLR_MAX])
 FEWEST = 50
+KEY_FRAMES = 16
 
 
 def name_of(amplitude_px: float, noise: float) -> str:
@@ -188,16 +192,34 @@ def print_reliability(tallies: dict[str, Tally]) -> None:
         print(f"NEES of the displacement, {name}: {tally.nees()}")
 
 
+def cost(name: str, work: Callable[[], object], times: int) -> None:
+    spent = []
+    for _ in range(times):
+        start = time.process_time()
+        work()
+        spent.append(1000 * (time.process_time() - start))
+    print(f"{name}: {min(spent):.1f} ms of CPU at best, median {np.median(spent):.1f}")
+
+
 def speed(options: argparse.Namespace) -> None:
     reader = Reader(options.network)
     inputs = np.random.default_rng(0).normal(size=(len(FEATURES), 480, 640)).astype(np.float32)
-    for name, work in (("network", reader.network), ("with what is made of it", reader.read)):
-        spent = []
-        for _ in range(20):
-            start = time.process_time()
-            work(inputs)
-            spent.append(1000 * (time.process_time() - start))
-        print(f"{name}: {min(spent):.1f} ms of CPU at 640 x 480, median {np.median(spent):.1f}")
+    cost("network at 640 x 480", lambda: reader.network(inputs), 20)
+    cost("with what is made of it", lambda: reader.read(inputs), 20)
+    if options.run is None:
+        return
+    frames = recorded(options.run, options.run / "frames").frames()
+    points = load_points(options.run / "points.npz")
+    detector = RegisteredDetector(points_in_world=points, weights=options.network)
+    rows = iter([*spread(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)
+
+    def measured() -> None:
+        found = detector.measure(frames, next(rows))
+        assert found is not None
+        features(found[0], displacement_sigma(found[0]))
+
+    cost("a key frame's measurement and features", measured, KEY_FRAMES)
+    cost("a key frame in all", lambda: detector.detect(frames, next(rows)), KEY_FRAMES)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -213,6 +235,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         one.set_defaults(task=task)
         if name == "table":
             one.add_argument("folder", type=Path)
+        if name == "speed":
+            one.add_argument("--run", type=Path)
         if name == "lessons":
             one.add_argument("lessons", type=Path, nargs="+")
             one.add_argument("--seeds", type=int, nargs=2, action="append", default=[])

@@ -41,16 +41,27 @@ def displacement_evidence(
     Returns:
         (H, W) llr in nats, from -1.5 to 4, 0 where nothing can be said; (H, W) sigma_px.
     """
-    size = np.hypot(displacement[..., 0], displacement[..., 1])
     measured = np.isfinite(sigma_px) & (trust > 0)
-    scale = null_scale(size, sigma_px, texture, measured)
-    sigma_px = sigma_px * np.minimum(scale, largest_scale)
+    size, sigma_px = size_and_sigma(displacement, sigma_px, texture, measured, largest_scale)
     llr = log_likelihood_ratio(size, np.where(measured, sigma_px, 1.0).astype(np.float32))
     trust = np.where(measured, trust, 0).astype(np.float32)
     llr = pooled(np.clip(llr, LLR_MIN, POOLED_MOST), trust)
     llr = llr * texture / (texture + TEXTURE_HALF) * trust
     llr = np.where(measured, np.clip(llr, LLR_MIN, LLR_MAX), 0)
     return llr.astype(np.float32), sigma_px.astype(np.float32)
+
+
+def size_and_sigma(
+    displacement: FloatMap,
+    sigma_px: FloatMap,
+    texture: FloatMap,
+    measured: BoolArray,
+    largest_scale: float = np.inf,
+) -> tuple[FloatMap, FloatMap]:
+    """(H, W) |w| and (H, W) the sigma that fits the frame's own scatter, px."""
+    size_px = np.hypot(displacement[..., 0], displacement[..., 1])
+    scale = null_scale(size_px, sigma_px, texture, measured)
+    return size_px, sigma_px * np.minimum(scale, largest_scale)
 
 
 def null_scale(
@@ -61,18 +72,18 @@ def null_scale(
     Plumes cover the smaller part of a frame, so its lower quantiles hold none: an empirical null
     (Efron, JASA 2004), per class of texture. Never below one half.
     """
-    scale = np.ones_like(sigma_px)
     if measured.sum() < SMALLEST_CLASS:
-        return scale
+        return np.ones_like(sigma_px)
     edges = np.quantile(texture[measured], np.linspace(0, 1, TEXTURE_CLASSES + 1)[1:-1])
-    classes = np.digitize(texture, edges)
+    classes = sum((texture >= edge).astype(np.uint8) for edge in edges)
+    ratios, kinds = size_px[measured] / sigma_px[measured], classes[measured]
+    scales = np.ones(TEXTURE_CLASSES, sigma_px.dtype)
     for k in range(TEXTURE_CLASSES):
-        members = classes == k
-        sample = members & measured
-        if sample.sum() >= SMALLEST_CLASS:
-            quantile = float(np.quantile(size_px[sample] / sigma_px[sample], NULL_QUANTILE))
-            scale[members] = max(quantile / RAYLEIGH_AT_QUANTILE, 0.5)
-    return scale
+        sample = ratios[kinds == k]
+        if len(sample) >= SMALLEST_CLASS:
+            quantile = float(np.quantile(sample, NULL_QUANTILE))
+            scales[k] = max(quantile / RAYLEIGH_AT_QUANTILE, 0.5)
+    return np.asarray(scales[classes])
 
 
 def pooled(llr: FloatMap, trust: FloatMap) -> FloatMap:

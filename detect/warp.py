@@ -22,10 +22,9 @@ def doubled(image: np.ndarray) -> FloatMap:
     height, width = image.shape
     image = image.astype(np.float32)
     between = cv2.filter2D(image, -1, HALF_WAY[None], anchor=(2, 0))
-    wide = cv2.merge([image, between]).reshape(height, 2 * width)
     double = np.empty((height, 2, 2 * width), np.float32)
-    double[:, 0] = wide
-    double[:, 1] = cv2.filter2D(wide, -1, HALF_WAY[:, None], anchor=(0, 2))
+    cv2.merge([image, between], dst=double[:, 0].reshape(height, width, 2))
+    cv2.filter2D(double[:, 0], -1, HALF_WAY[:, None], dst=double[:, 1], anchor=(0, 2))
     return double.reshape(2 * height, 2 * width)
 
 

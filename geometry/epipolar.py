@@ -10,7 +10,7 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.trajectory import Trajectory
 
 MIN_DEPTH_RATIO = 0.05
-BAND = 16
+BAND = 48
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +20,8 @@ class Epipolar:
     Source: Hartley & Zisserman, Multiple View Geometry, eq. 9.7 (infinite homography + epipole).
 
     Attributes:
-        homography: (3, 3) of the plane at infinity, target_from_source.
-        epipole: (3,) the camera matrix times the source centre in the target frame, px.
+        homography: (3, 3) of the plane at infinity, target_from_source; (3, 3, N, 1) of N targets.
+        epipole: (3,) the camera matrix times the source centre in the target frame, px; (3, N, 1).
     """
 
     homography: FloatArray
@@ -34,6 +34,15 @@ class Epipolar:
         rotation = trajectory.rotations[target] @ trajectory.rotations[source].T
         translation = trajectory.translations[target] - rotation @ trajectory.translations[source]
         return cls(homography=K @ rotation @ np.linalg.inv(K), epipole=K @ translation)
+
+    @classmethod
+    def towards_all(cls, trajectory: Trajectory, source: int) -> Self:
+        """The geometry from row `source` to each of N rows, for (N, M, 2) pixels at once."""
+        K = trajectory.camera.matrix
+        rotations = trajectory.rotations @ trajectory.rotations[source].T
+        translations = trajectory.translations - rotations @ trajectory.translations[source]
+        homographies = np.moveaxis(K @ rotations @ np.linalg.inv(K), 0, -1)
+        return cls(homography=homographies[..., None], epipole=(K @ translations.T)[..., None])
 
     def rescaled(self, unit: float) -> Self:
         """The same geometry for inverse depths counted in that unit."""
@@ -62,7 +71,11 @@ class Epipolar:
         return np.stack(list(flow), axis=-1), np.stack(list(slope), axis=-1)
 
     def over_grid(
-        self, x: FloatMap, y: FloatMap, inverse_depth: FloatMap
+        self,
+        x: FloatMap,
+        y: FloatMap,
+        inverse_depth: FloatMap,
+        out: tuple[FloatMap, FloatMap] | None = None,
     ) -> tuple[FloatMap, FloatMap]:
         """`flow_and_slope` of a grid of pixels, x and y in planes of their own.
 
@@ -70,11 +83,12 @@ class Epipolar:
             x: (W,) source columns, px.
             y: (H,) source rows, px.
             inverse_depth: (H, W) along the source's optical axis, 1 / world unit.
+            out: Where to write both, (2, H, W) float32 each; new arrays without.
 
         Returns:
             (2, H, W) px; (2, H, W) px per 1 / world unit.
         """
-        flow, slope = np.empty((2, 2, *inverse_depth.shape), np.float32)
+        flow, slope = out or np.empty((2, 2, *inverse_depth.shape), np.float32)
         for start in range(0, len(y), BAND):  # what is done to a few rows stays in the cache
             rows = slice(start, start + BAND)
             self._move(x, y[rows, None], inverse_depth[rows], flow[:, rows], slope[:, rows])

@@ -1,12 +1,11 @@
 """The detector for a moving camera in a textured, static scene."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from detect.detection import Detection, Frames
-from detect.evidence import displacement_evidence
+from detect.evidence import displacement_evidence, size_and_sigma
 from detect.registered.features import features
 from detect.registered.learned import Reader
 from detect.registered.measure import Measurement, Neighbour, Registration
@@ -79,11 +78,15 @@ class RegisteredDetector:
 
         A network says where there is refraction; how much, the measurement itself says best.
         """
-        by_hand = judged(measurement, inverse_depth_unit)
+        sigma_px = displacement_sigma(measurement)
+        w, texture = measurement.displacement, measurement.texture
         if self._reader is None or self._calibration is None:
-            return by_hand
-        opinion = self._reader.read(features(measurement, displacement_sigma(measurement)))
-        return replace(by_hand, llr=opinion.llr(self._calibration))
+            believed = trust(measurement.visible, measurement.depth_edge_px)
+            llr, stated_px = displacement_evidence(w, sigma_px, texture, believed)
+        else:
+            llr = self._reader.read(features(measurement, sigma_px)).llr(self._calibration)
+            _, stated_px = size_and_sigma(w, sigma_px, texture, np.isfinite(sigma_px))
+        return _detection(measurement, llr, stated_px, inverse_depth_unit)
 
     def measure(self, frames: Frames, index: int) -> tuple[Measurement, float] | None:
         """What the neighbours of frame `index` say, and the unit of its inverse depth.
@@ -124,26 +127,20 @@ class RegisteredDetector:
         return float(1 / np.median(points[seen, 2]))
 
 
-def judged(measurement: Measurement, inverse_depth_unit: float) -> Detection:
-    """What `RegisteredDetector.judge` says without a network.
+def _detection(
+    measurement: Measurement, llr: FloatMap, sigma_px: FloatMap, inverse_depth_unit: float
+) -> Detection:
+    """What was measured, with its evidence; the unit is 1 / world unit.
 
     The neighbours look through the plume too, so part of w cancels: sigma grows with w, by a
     share that was measured on simulated scenes.
     """
-    sigma_px = displacement_sigma(measurement)
-    llr, sigma_px = displacement_evidence(
-        measurement.displacement,
-        sigma_px,
-        measurement.texture,
-        trust(measurement.visible, measurement.depth_edge_px),
-    )
-    size = np.linalg.norm(measurement.displacement, axis=-1)
-    sigma_px = np.hypot(sigma_px, GAIN_ERROR * size)
+    size_px = np.linalg.norm(measurement.displacement, axis=-1)
     known = measurement.texture > KNOWN_TEXTURE
     inverse_depth = np.where(known, measurement.relative_inverse_depth, np.nan)
     return Detection(
         displacement=measurement.displacement.astype(np.float32),
-        sigma_px=sigma_px.astype(np.float32),
+        sigma_px=np.hypot(sigma_px, GAIN_ERROR * size_px).astype(np.float32),
         llr=llr,
         inverse_depth=(inverse_depth * inverse_depth_unit).astype(np.float32),
     )

@@ -59,7 +59,7 @@ def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
         measurement.visible / NEIGHBOURS,
         np.log1p(measurement.relative_inverse_depth),
     ]
-    return np.stack(channels).astype(np.float32)
+    return np.stack(channels, dtype=np.float32)
 
 
 def feature(inputs: FloatMap, name: Plain) -> FloatMap:

@@ -23,7 +23,6 @@ MAX_RESIDUAL_PX = 3.0
 TEXTURE_HALF = 4.0
 NEAREST = 20.0
 REFINE_AFTER = (2, 4)
-WHOLE = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +73,8 @@ class Registration:
         self._neighbours = neighbours
         self._y, self._x = (np.arange(n, dtype=np.float32) for n in image.shape)
         self._inverse_depth = np.ones(image.shape, np.float32)
-        self._smooth = blur(image.astype(np.float32), PRESMOOTHING_PX)
+        self._grey = image.astype(np.float32)
+        self._smooth = blur(self._grey, PRESMOOTHING_PX)
         self._gradients = gradients(self._smooth)
         self._window = Window(*self._gradients, WINDOW_PX, NOISE)
         self._texture = self._texture_within(WINDOW_PX)
@@ -85,55 +85,60 @@ class Registration:
         poses = PoseErrors(self._inverse_depth)
         pose_errors = self._pose_errors(poses, flows)
         first = self._first_stage(poses, pose_errors, flows)
-        return self._second_stage(poses, pose_errors, first)
+        return self._second_stage(self._registered(poses, pose_errors), first)
 
     def _texture_within(self, sigma_px: float) -> FloatMap:
         gx, gy = self._gradients
         return blur(gx * gx + gy * gy, sigma_px)
 
-    def _predict(self, neighbour: Neighbour, rows: slice = WHOLE) -> tuple[FloatMap, FloatMap]:
-        return neighbour.view.over_grid(self._x, self._y[rows], self._inverse_depth[rows])
+    def _predict(self, rows: slice, count: int | None = None) -> tuple[FloatMap, FloatMap]:
+        """(N, 2, h, W) flow towards the first neighbours, or all; (N, 2, h, W) its slope."""
+        views = [neighbour.view for neighbour in self._neighbours[:count]]
+        inverse_depth = self._inverse_depth[rows]
+        flow, slope = np.empty((2, len(views), 2, *inverse_depth.shape), np.float32)
+        for k, view in enumerate(views):
+            view.over_grid(self._x, self._y[rows], inverse_depth, (flow[k], slope[k]))
+        return flow, slope
 
     def _visible(self, flow: FloatMap, x: FloatMap, y: FloatMap) -> FloatMap:
-        """Where pixels of (W,) x and (H,) y that move by (2, H, W) are still in the image."""
-        inside = np.ones(flow.shape[1:], np.bool_)
-        targets = flow[0] + x, flow[1] + y[:, None]
-        for target, side in zip(targets, reversed(self._image.shape), strict=True):
-            inside &= target >= BORDER_PX
-            inside &= target <= side - 1 - BORDER_PX
-        return inside.astype(np.float32)
+        """Where pixels of (W,) x and (H,) y that move by (..., 2, H, W) are still in the image."""
+        low_x, low_y = BORDER_PX - x, BORDER_PX - y[:, None]
+        height, width = (side - 1 - 2 * BORDER_PX for side in self._image.shape)
+        along_x, along_y = np.moveaxis(flow, -3, 0)
+        inside = (along_x >= low_x) & (along_x <= low_x + width)
+        inside &= (along_y >= low_y) & (along_y <= low_y + height)
+        return np.asarray(inside, dtype=np.float32)
 
     def _step_depth(self, step: FloatMap) -> None:
         moved = np.clip(self._inverse_depth + step, 0, NEAREST)
         self._inverse_depth = cv2.medianBlur(moved.astype(np.float32), 5)
 
-    def _match(self) -> list[FloatMap]:
-        """Flow towards each neighbour, nearest first; the depth sharpens as they come in."""
-        flows: list[FloatMap] = []
-        for neighbour in self._neighbours:
-            start = cv2.merge(list(self._predict(neighbour)[0]))
+    def _match(self) -> FloatMap:
+        """(N, 2, H, W) flow towards each neighbour; the depth sharpens as they come in."""
+        flows = np.empty((len(self._neighbours), 2, *self._image.shape), np.float32)
+        for k, neighbour in enumerate(self._neighbours):
+            predicted, _ = neighbour.view.over_grid(self._x, self._y, self._inverse_depth)
+            start = cv2.merge(list(predicted))
             flow = dis_matcher(refinements=0).calc(self._image, neighbour.image, start)
-            flows.append(np.ascontiguousarray(np.moveaxis(flow, -1, 0)))
-            if len(flows) in (*REFINE_AFTER, len(self._neighbours)):
-                self._refine_depth(flows)
+            flows[k] = np.moveaxis(flow, -1, 0)
+            if k + 1 in (*REFINE_AFTER, len(flows)):
+                self._refine_depth(flows[: k + 1])
         return flows
 
-    def _refine_depth(self, flows: list[FloatMap]) -> None:
+    def _refine_depth(self, flows: FloatMap) -> None:
         step = np.empty_like(self._inverse_depth)
         for rows in bands(len(step)):
-            along, steepness = np.zeros((2, *step[rows].shape), np.float32)
-            for flow, neighbour in zip(flows, self._neighbours, strict=False):
-                predicted, lever = self._predict(neighbour, rows)
-                error = flow[:, rows] - predicted
-                weight = self._visible(flow[:, rows], self._x, self._y[rows])
-                weight /= 1 + squared(error) / 4
-                along += weight * dot(error, lever)
-                steepness += weight * squared(lever)
+            flow = flows[:, :, rows]
+            predicted, lever = self._predict(rows, len(flows))
+            error = flow - predicted
+            weights = self._visible(flow, self._x, self._y[rows]) / (1 + squared(error) / 4)
+            along = np.einsum("nij,nij->ij", weights, dot(error, lever))
+            steepness = np.einsum("nij,nij->ij", weights, squared(lever))
             step[rows] = along / (steepness + TINY)
         self._step_depth(step)
 
-    def _pose_errors(self, poses: PoseErrors, flows: list[FloatMap]) -> list[FloatMap]:
-        """What `poses` finds in the flow towards each neighbour."""
+    def _pose_errors(self, poses: PoseErrors, flows: FloatMap) -> FloatMap:
+        """(N, 2, 9) what `poses` finds in the flow towards each neighbour."""
         wide = self._texture_within(4.0)[SOME, SOME]
         x, y, textured = self._x[SOME], self._y[SOME], wide / (wide + TEXTURE_HALF)
         found = []
@@ -141,44 +146,49 @@ class Registration:
             predicted, _ = neighbour.view.over_grid(x, y, self._inverse_depth[SOME, SOME])
             error = np.clip(flow[:, SOME, SOME] - predicted, -4, 4)
             found.append(poses.fit(error, textured * self._visible(predicted, x, y)))
-        return found
+        return np.asarray(found)
 
-    def _first_stage(
-        self, poses: PoseErrors, pose_errors: list[FloatMap], flows: list[FloatMap]
-    ) -> FloatMap:
+    def _first_stage(self, poses: PoseErrors, pose_errors: FloatMap, flows: FloatMap) -> FloatMap:
         """Takes the pose error out of every neighbour, sets the depth; the displacement so far."""
-        step, displacement = np.empty_like(self._inverse_depth), np.empty_like(flows[0])
+        step = np.empty_like(self._inverse_depth)
+        displacement = np.empty(flows.shape[1:], np.float32)
         for rows in bands(len(step)):
-            errors, slopes, weights = [], [], []
-            for flow, neighbour, found in zip(flows, self._neighbours, pose_errors, strict=True):
-                predicted, slope = self._predict(neighbour, rows)
-                visible = self._visible(predicted, self._x, self._y[rows])
-                error = flow[:, rows] - predicted
-                error -= poses.field(found, rows)
-                errors.append(error)
-                slopes.append(slope)
-                weights.append(visible / (1 + 2 * squared(error)))
-            answer = separate(errors, slopes, weights)
+            predicted, slopes = self._predict(rows)
+            visible = self._visible(predicted, self._x, self._y[rows])
+            errors = flows[:, :, rows] - predicted
+            errors -= poses.fields(pose_errors, rows)
+            answer = separate(errors, slopes, visible / (1 + 2 * squared(errors)))
             step[rows], displacement[:, rows] = answer.inverse_depth_step, answer.displacement
         self._step_depth(np.where(np.abs(step) < 0.3 * self._inverse_depth, step, 0))
         return displacement
 
-    def _second_stage(
-        self, poses: PoseErrors, pose_errors: list[FloatMap], first: FloatMap
-    ) -> Measurement:
-        registered = [
-            self._registered(neighbour, poses, pose_error)
-            for neighbour, pose_error in zip(self._neighbours, pose_errors, strict=True)
-        ]
+    def _registered(self, poses: PoseErrors, pose_errors: FloatMap) -> Registered:
+        count, shape = len(self._neighbours), self._image.shape
+        shifts, slopes = np.empty((2, count, 2, *shape), np.float32)
+        visible, misfits = np.empty((2, count, *shape), np.float32)
+        for rows in bands(len(self._y)):
+            flow, slopes[:, :, rows] = self._predict(rows)
+            flow += poses.fields(pose_errors, rows)
+            visible[:, rows] = self._visible(flow, self._x, self._y[rows])
+            np.add(flow[:, 0], self._x, out=shifts[:, 0, rows])
+            np.add(flow[:, 1], self._y[rows, None], out=shifts[:, 1, rows])
+        for k, neighbour in enumerate(self._neighbours):
+            image = sample(neighbour.image, cv2.merge(list(shifts[k])))
+            shift = self._window.shift_planes(blur(image, PRESMOOTHING_PX) - self._smooth)
+            np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX, out=shifts[k])
+            misfits[k] = blur((image - self._grey) ** 2, WINDOW_PX)
+        return Registered(shifts=shifts, slopes=slopes, visible=visible, misfits=misfits)
+
+    def _second_stage(self, registered: Registered, first: FloatMap) -> Measurement:
         misfit, variance, factor, seen, parallax = np.empty((5, *self._image.shape), np.float32)
         displacement = np.empty_like(first)
         for rows in bands(len(misfit)):
-            misfit[rows] = median([r.misfit[rows] for r in registered]) + 4
+            misfit[rows] = median(registered.misfits[:, rows]) + 4
             second = robustly(registered, misfit[rows], rows)
             displacement[:, rows] = second.answer.displacement
             factor[rows] = second.answer.variance_factor
             variance[rows], seen[rows] = second.variance, second.seen
-            parallax[rows] = np.sqrt(np.max([squared(r.slope[:, rows]) for r in registered], 0))
+            parallax[rows] = np.sqrt(squared(registered.slopes[:, :, rows]).max(axis=0))
         step = np.abs(self._inverse_depth - blur(self._inverse_depth, 5.0)) * parallax
         return Measurement(
             displacement=_limited(self._without_drift(displacement, seen)),
@@ -192,28 +202,6 @@ class Registration:
             depth_edge_px=cv2.dilate(step, np.ones((5, 5), np.uint8)),
         )
 
-    def _registered(
-        self, neighbour: Neighbour, poses: PoseErrors, pose_error: FloatMap
-    ) -> Registered:
-        shape = self._image.shape
-        visible, slope = np.empty(shape, np.float32), np.empty((2, *shape), np.float32)
-        positions = np.empty((*shape, 2), np.float32)
-        for rows in bands(len(visible)):
-            flow, slope[:, rows] = self._predict(neighbour, rows)
-            flow += poses.field(pose_error, rows)
-            visible[rows] = self._visible(flow, self._x, self._y[rows])
-            flow[0] += self._x
-            flow[1] += self._y[rows, None]
-            positions[rows] = cv2.merge(list(flow))
-        image = sample(neighbour.image, positions)
-        shift = self._window.shift_planes(blur(image, PRESMOOTHING_PX) - self._smooth)
-        return Registered(
-            shift=np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX),
-            slope=slope,
-            visible=visible,
-            misfit=blur((image - self._image) ** 2, WINDOW_PX),
-        )
-
     def _without_drift(self, displacement: FloatMap, seen: FloatMap) -> FloatMap:
         """Takes out what looks like an error of the key frame's own pose."""
         texture = self._texture[SOME, SOME]
@@ -222,7 +210,7 @@ class Registration:
         poses = PoseErrors(self._inverse_depth)
         drift = poses.fit(w[:, SOME, SOME], textured)
         for rows in bands(len(seen)):
-            w[:, rows] -= poses.field(drift, rows)
+            w[:, rows] -= poses.fields(drift, rows)
         return w
 
 

@@ -64,15 +64,12 @@ def parallaxes(trajectory: Trajectory, index: int, inverse_depth: float) -> Floa
     camera = trajectory.camera
     size = np.array([camera.width, camera.height])
     pixels = (pixel_grid((6, 8)) + 0.5) * (size / [8, 6]).astype(np.float32)
-    shares = np.full(len(trajectory), np.nan)
-    for row in range(len(trajectory)):
-        view = Epipolar.between(trajectory, index, row)
-        target = pixels + view.flow(pixels, inverse_depth)
-        inside = ((target >= 0) & (target < size)).all(axis=-1)
-        if inside.mean() >= MIN_OVERLAP:
-            parallax = view.parallax_px(pixels, inverse_depth)
-            shares[row] = float(np.median(parallax)) / camera.width
-    return shares
+    pixels = np.broadcast_to(pixels.reshape(-1, 2), (len(trajectory), 48, 2))
+    view = Epipolar.towards_all(trajectory, index)
+    targets = pixels + view.flow(pixels, inverse_depth)
+    overlap = ((targets >= 0) & (targets < size)).all(axis=-1).mean(axis=-1)
+    shares = np.median(view.parallax_px(pixels, inverse_depth), axis=-1) / camera.width
+    return np.where(overlap >= MIN_OVERLAP, shares, np.nan)
 
 
 def typical_inverse_depth(frames: Frames, trajectory: Trajectory, index: int) -> float:

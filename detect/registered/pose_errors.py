@@ -4,6 +4,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
 
+TERMS = 9
 STRIDE = 4
 """Every so many rows and columns enter the fit of a pose error; fewer fit it visibly worse."""
 SOME = slice(STRIDE // 2, None, STRIDE)
@@ -22,10 +23,8 @@ class PoseErrors:
         self._inverse_depth = inverse_depth
         y, x = (np.linspace(-0.5, 0.5, n, dtype=np.float32) for n in inverse_depth.shape)
         self._x, self._y = x, y[:, None]
-        x, y = np.meshgrid(x[SOME], y[SOME])
-        r = inverse_depth[SOME, SOME]
-        terms = [np.ones_like(x), x, y, x * x, y * y, x * y, r, r * x, r * y]
-        self._terms = np.stack([term.ravel() for term in terms]).astype(float)
+        some = _terms(x[SOME], y[SOME, None], inverse_depth[SOME, SOME])
+        self._terms = some.reshape(TERMS, -1).astype(float)
 
     def fit(self, field: FloatMap, weights: FloatMap) -> FloatMap:
         """The error that explains a field best, fitted robustly.
@@ -40,9 +39,9 @@ class PoseErrors:
         values = field.reshape(2, -1).astype(float)
         prior = weights.ravel().astype(float)
         heard = prior > LEAST_WEIGHT
-        if heard.sum() < 10 * len(self._terms):
-            return np.zeros((2, len(self._terms)), np.float32)
-        coefficients, robust = np.zeros((2, len(self._terms))), prior
+        if heard.sum() < 10 * TERMS:
+            return np.zeros((2, TERMS), np.float32)
+        coefficients, robust = np.zeros((2, TERMS)), prior
         for _ in range(FITS):
             coefficients = self._solved(values, robust)
             misfit = values - coefficients @ self._terms
@@ -55,16 +54,20 @@ class PoseErrors:
         normal = weighted @ self._terms.T + 1e-3 * np.eye(len(weighted))
         return np.asarray(np.linalg.solve(normal, weighted @ values.T).T)
 
-    def field(self, coefficients: FloatMap, rows: slice) -> FloatMap:
-        """(2, h, W) px, some rows of the error that `fit` found."""
-        x, y, r = self._x, self._y[rows], self._inverse_depth[rows]
-        planes = np.empty((2, *r.shape), np.float32)
-        for k, c in enumerate(coefficients):
-            np.add(c[6] + c[7] * x, c[8] * y, out=planes[k])
-            planes[k] *= r
-            planes[k] += (c[0] + (c[1] + c[3] * x) * x) + (c[2] + c[4] * y) * y
-            planes[k] += y * (c[5] * x)
-        return planes
+    def fields(self, coefficients: FloatMap, rows: slice) -> FloatMap:
+        """(..., h, W) px, some rows of the errors, (..., 9), that `fit` found."""
+        terms = _terms(self._x, self._y[rows], self._inverse_depth[rows])
+        planes = coefficients.reshape(-1, TERMS) @ terms.reshape(TERMS, -1)
+        return np.asarray(planes.reshape(*coefficients.shape[:-1], *terms.shape[1:]))
+
+
+def _terms(x: FloatMap, y: FloatMap, inverse_depth: FloatMap) -> FloatMap:
+    """(9, h, w) what an error is made of; x and y go with inverse depth by broadcasting."""
+    terms = np.empty((TERMS, *inverse_depth.shape), np.float32)
+    for k, term in enumerate((1, x, y, x * x, y * y, x * y)):
+        terms[k] = term
+    np.multiply(inverse_depth, terms[:3], out=terms[6:])
+    return terms
 
 
 def _squared_scale(squares: FloatArray) -> float:

@@ -1,6 +1,6 @@
 """Separation that a few bad neighbours do not spoil."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,19 +11,19 @@ from geometry.arrays import FloatMap
 
 @dataclass(frozen=True, kw_only=True)
 class Registered:
-    """A neighbour brought onto the key frame.
+    """N neighbours brought onto the key frame.
 
     Attributes:
-        shift: (2, H, W) how far it still is from it, px.
-        slope: (2, H, W) px per unit of relative inverse depth.
-        visible: (H, W) where it is seen, 0 or 1.
-        misfit: (H, W) squared difference, grey levels squared.
+        shifts: (N, 2, H, W) how far they still are from it, px.
+        slopes: (N, 2, H, W) px per unit of relative inverse depth.
+        visible: (N, H, W) where each is seen, 0 or 1.
+        misfits: (N, H, W) squared differences, grey levels squared.
     """
 
-    shift: FloatMap
-    slope: FloatMap
+    shifts: FloatMap
+    slopes: FloatMap
     visible: FloatMap
-    misfit: FloatMap
+    misfits: FloatMap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,26 +35,27 @@ class Robust:
     seen: FloatMap
 
 
-def robustly(registered: Sequence[Registered], misfit: FloatMap, rows: slice) -> Robust:
+def robustly(registered: Registered, misfit: FloatMap, rows: slice) -> Robust:
     """Separates some rows twice, the second time without outliers."""
-    shifts = [r.shift[:, rows] for r in registered]
-    slopes = [r.slope[:, rows] for r in registered]
-    weights = [r.visible[rows] / (1 + (r.misfit[rows] / misfit) ** 2) for r in registered]
-    for last in (False, True):
-        answer = separate(shifts, slopes, weights)
-        squares = [answer.squared_residual(*pair) for pair in zip(shifts, slopes, strict=True)]
-        seen, scatter = np.zeros((2, *misfit.shape), np.float32)
-        for weight, square in zip(weights, squares, strict=True):
-            seen += weight
-            scatter += weight * square
-        variance = scatter / (seen + TINY)
-        if not last:
-            doubt = 4 * variance + 1e-4
-            weights = [w / (1 + s / doubt) for w, s in zip(weights, squares, strict=True)]
-    return Robust(answer=answer, variance=variance, seen=seen)
+    shifts, slopes = registered.shifts[:, :, rows], registered.slopes[:, :, rows]
+    weights = registered.visible[:, rows] / (1 + (registered.misfits[:, rows] / misfit) ** 2)
+    answer, squares, variance = _weighted(shifts, slopes, weights)
+    weights /= 1 + squares / (4 * variance + 1e-4)
+    answer, _, variance = _weighted(shifts, slopes, weights)
+    return Robust(answer=answer, variance=variance, seen=weights.sum(axis=0))
 
 
-def median(maps: Sequence[FloatMap]) -> FloatMap:
+def _weighted(
+    shifts: FloatMap, slopes: FloatMap, weights: FloatMap
+) -> tuple[Separation, FloatMap, FloatMap]:
+    """The answer, (N, H, W) its squared residuals, and (H, W) their weighted mean."""
+    answer = separate(shifts, slopes, weights)
+    squares = answer.squared_residuals(shifts, slopes)
+    scatter = np.einsum("nij,nij->ij", weights, squares)
+    return answer, squares, scatter / (weights.sum(axis=0) + TINY)
+
+
+def median(maps: Iterable[FloatMap]) -> FloatMap:
     """(H, W) the median of a few maps, by odd-even transposition: whole maps are compared."""
     ranks = list(maps)
     for turn in range(len(ranks)):

@@ -5,7 +5,7 @@ neighbours average away), with `step` the error of its inverse depth and w its d
 Vector fields are (2, H, W) here, x and y in planes of their own: the quickest for numpy.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,8 @@ from geometry.arrays import FloatMap
 
 TINY = np.float32(1e-6)
 STEP_STIFFNESS_PX2 = np.float32(1e-2)
-BAND = 16
+BAND = 32
+MEAN, SUM = "nij,ncij->cij", "ncij,ncij->ij"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,36 +32,31 @@ class Separation:
     displacement: FloatMap
     variance_factor: FloatMap
 
-    def squared_residual(self, flow: FloatMap, slope: FloatMap) -> FloatMap:
-        """(H, W) what neither explains of one neighbour's flow, px squared."""
-        return squared(flow - slope * self.inverse_depth_step - self.displacement)
+    def squared_residuals(self, flows: FloatMap, slopes: FloatMap) -> FloatMap:
+        """(N, H, W) what neither explains of the flow towards each neighbour, px squared."""
+        explained = slopes * self.inverse_depth_step
+        explained += self.displacement
+        explained -= flows
+        return squared(explained)
 
 
-def separate(
-    flows: Sequence[FloatMap], slopes: Sequence[FloatMap], weights: Sequence[FloatMap]
-) -> Separation:
+def separate(flows: FloatMap, slopes: FloatMap, weights: FloatMap) -> Separation:
     """Solves e_k = slope_k * step + w at every pixel.
 
+    Leverages, slopes less their mean, add up to zero with their weights: what they are summed
+    with keeps its mean.
+
     Args:
-        flows: N of (2, H, W), residual flow towards each neighbour, px.
-        slopes: N of (2, H, W), px per unit of relative inverse depth.
-        weights: N of (H, W), from 0 to 1.
+        flows: (N, 2, H, W) residual flow towards each neighbour, px.
+        slopes: (N, 2, H, W) px per unit of relative inverse depth.
+        weights: (N, H, W) from 0 to 1.
     """
-    total = np.full_like(weights[0], TINY)
-    mean_slope, mean_flow = np.zeros((2, *slopes[0].shape), np.float32)
-    for flow, slope, weight in zip(flows, slopes, weights, strict=True):
-        total += weight
-        mean_slope += weight * slope
-        mean_flow += weight * flow
-    mean_slope /= total
-    mean_flow /= total
-    spread, along = np.full_like(total, STEP_STIFFNESS_PX2), np.zeros_like(total)
-    for flow, slope, weight in zip(flows, slopes, weights, strict=True):
-        leverage = slope - mean_slope
-        weighted = weight * leverage
-        spread += dot(weighted, leverage)
-        along += dot(weighted, flow - mean_flow)
-    step = along / spread
+    total = weights.sum(axis=0) + TINY
+    mean_slope, mean_flow = (np.einsum(MEAN, weights, each) / total for each in (slopes, flows))
+    leverage = slopes - mean_slope
+    leverage *= weights[:, None]
+    spread = np.einsum(SUM, leverage, slopes) + STEP_STIFFNESS_PX2
+    step = np.einsum(SUM, leverage, flows) / spread
     return Separation(
         inverse_depth_step=step,
         displacement=mean_flow - mean_slope * step,
@@ -74,10 +70,10 @@ def bands(height: int) -> Iterator[slice]:
 
 
 def dot(a: FloatMap, b: FloatMap) -> FloatMap:
-    """(H, W) the scalar product of two vector fields."""
-    return np.asarray(a[0] * b[0] + a[1] * b[1])
+    """(..., H, W) the scalar product of vector fields."""
+    return np.asarray(np.einsum("...cij,...cij->...ij", a, b))
 
 
 def squared(a: FloatMap) -> FloatMap:
-    """(H, W) the squared length of a vector field."""
+    """(..., H, W) the squared length of vector fields."""
     return dot(a, a)

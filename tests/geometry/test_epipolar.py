@@ -58,3 +58,12 @@ def test_a_grid_in_planes_is_the_same(trajectory: Trajectory) -> None:
     together = view.flow_and_slope(np.stack(np.meshgrid(x, y), axis=-1), depth)
     for planes, field in zip(view.over_grid(x, y, depth), together, strict=True):
         np.testing.assert_allclose(np.moveaxis(planes, 0, -1), field, rtol=1e-6)
+
+
+def test_towards_all_rows_at_once(trajectory: Trajectory) -> None:
+    pixels = np.random.default_rng(2).uniform(0, 480, (3, 7, 2)).astype(np.float32)
+    flow, slope = Epipolar.towards_all(trajectory, 0).flow_and_slope(pixels, 0.3)
+    for row in range(3):
+        alone = Epipolar.between(trajectory, 0, row).flow_and_slope(pixels[row], 0.3)
+        np.testing.assert_allclose(flow[row], alone[0], atol=1e-4)
+        np.testing.assert_allclose(slope[row], alone[1], atol=1e-3)
