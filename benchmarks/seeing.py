@@ -158,13 +158,12 @@ def take_of(condition: Condition, scene: Scene, photos: Path | None) -> Take:
     return spoiled(take, [condition.nuisance] if condition.nuisance else [], rng)
 
 
-def record(condition: Condition, seed: int, scale: Scale, photos: Path | None, path: Path) -> None:
-    """Renders a sequence and writes its key frames, what was measured of them, and the truth."""
-    scene = scene_of(condition, seed, scale)
-    footage = film(take_of(condition, scene, photos))
-    told = disturbed(footage.trajectory, scene.random(13), POSE_ERROR_DEG)
+def record(take: Take, count: int, path: Path) -> None:
+    """Renders a take and writes `count` key frames, what was measured of them, and the truth."""
+    footage = film(take)
+    told = disturbed(footage.trajectory, take.scene.random(13), POSE_ERROR_DEG)
     frames = Frames(images=footage.images, trajectory=told)
-    keys = np.linspace(ENDS, len(frames) - 1 - ENDS, scale.keys).round().astype(int)
+    keys = np.linspace(ENDS, len(frames) - 1 - ENDS, count).round().astype(int)
     detector = RegisteredDetector()
     measured = [(key, detector.measure(frames, int(key))) for key in keys]
     known = [(key, *answer) for key, answer in measured if answer is not None]
@@ -354,7 +353,8 @@ def film_all(options: argparse.Namespace) -> None:
     for name, (condition, seed) in list(wanted.items())[first::every]:
         path = options.work / f"{name}.npz"
         if not path.exists():
-            record(condition, seed, scale, options.photos, path)
+            take = take_of(condition, scene_of(condition, seed, scale), options.photos)
+            record(take, scale.keys, path)
             print(name, flush=True)
 
 

@@ -31,7 +31,7 @@ class Fused:
     Attributes:
         plumes: Strongest first.
         grid: The summed evidence; None where no frame measured any depth.
-        threshold_nats: What a column needs to count as a plume.
+        threshold_nats: What a column needs to count as a plume, those found taken out.
     """
 
     plumes: tuple[Plume, ...]
@@ -51,9 +51,10 @@ def fuse(
     """Finds the plumes that the summed evidence of all views speaks for.
 
     A strong plume makes strong chance columns too. Once it is found and taken out, the level is
-    drawn anew where a column stands far from it; a tenth of its evidence at least must speak for
-    that, as what is left of a strong plume agrees by itself. Several strong ones can hide each
-    other so: where `least_nats` says what clutter makes, all above that are taken out of the draws.
+    drawn anew. A column that stands far from it may pass that; a tenth of its evidence at least
+    must speak for it, as what is left of a strong plume agrees by itself. Several strong ones can
+    hide each other so: where `least_nats` says what clutter makes, all above that are taken out of
+    the draws.
 
     Args:
         views: The evidence.
@@ -80,7 +81,8 @@ def fuse(
     strongest = float(evidence(views, columns).max(initial=0.0))
     floor = max(least_nats, GHOST_SHARE * strongest)
     far = _far_columns(left, columns, plumes, floor)
-    if drawn and far and (plumes or least_nats):
+    raised = bool(plumes) and level > least_nats
+    if drawn and (raised or (far and (plumes or least_nats))):
         calm = reduce(without, far, left) if least_nats else left
         null = NullLevel.from_views(calm, box, unit, rng, progress=lambda _share: None)
         level = max(null.threshold(most_false_alarm), least_nats)

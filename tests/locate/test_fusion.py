@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from detect.detection import Detection
-from locate.decide import hidden_note, silence_notes
+from locate.decide import believed, hidden_note, silence_notes
 from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import evidence, score, spine, stands_out, without
@@ -18,6 +18,7 @@ from locate.fusion.sway import estimate_sway
 from locate.fusion.views import Views
 from locate.plume import Plume
 from locate.simulation.evidence import NONE, Corruption, Truth, corrupted_views, orbit, random_truth
+from tests.locate.answers import plume as any_plume
 
 
 def as_column(truth: Truth) -> np.ndarray:
@@ -31,12 +32,17 @@ def truth() -> Truth:
 
 def test_source_is_found_within_its_covariance(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(10, 60), np.random.default_rng(5))
-    (plume,) = fuse(views).plumes
+    fused = fuse(views)
+    (plume,) = fused.plumes
     error = plume.source - truth.source
     assert np.linalg.norm(error) < 0.02 * 8.5
     assert error @ np.linalg.solve(plume.source_covariance, error) < 16
     assert np.degrees(np.arccos(plume.axis @ truth.axis)) < 8
     assert plume.probability > 0.99
+    with_the_plume = NullLevel.from_views(
+        views, views.volume(), views.unit, np.random.default_rng(0), progress=lambda _: None
+    )
+    assert fused.threshold_nats < 0.8 * with_the_plume.threshold(0.01)
 
 
 def test_same_seed_same_answer(truth: Truth) -> None:
@@ -179,6 +185,15 @@ def test_a_thin_nozzle_is_a_base_and_hides_nothing(truth: Truth) -> None:
     assert not base.hidden
     assert base.height == pytest.approx(0.3, abs=0.1)
     assert base.sigma < 0.1
+
+
+def test_a_network_is_believed_no_more_than_it_was_right() -> None:
+    strong, weak = (any_plume(evidence_nats=16 * nats, probability=0.9999) for nats in (20, 5))
+    assert 0.99 < believed(strong, "registered+dybs", 16).probability < 0.9999
+    assert 0.4 < believed(weak, "registered", 16).probability < 0.7
+    unsure = replace(strong, probability=0.6)
+    assert believed(unsure, "registered", 16).probability == 0.6
+    assert believed(weak, "registered-plain", 16) is weak
 
 
 def test_a_hidden_source_is_said_with_its_interval() -> None:
