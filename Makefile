@@ -29,6 +29,9 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/run_cost.py
 	$(BIN)/python benchmarks/fusion_geometry.py
 	$(BIN)/python benchmarks/orbit_scenes.py
+	$(BIN)/python -m benchmarks.stated_probability film
+	$(BIN)/python -m benchmarks.stated_probability judge
+	$(BIN)/python -m benchmarks.stated_probability tell
 	$(BIN)/python benchmarks/sfm_real.py
 	$(BIN)/python benchmarks/telemetry_offset.py
 	$(BIN)/python benchmarks/flow_comparison.py
