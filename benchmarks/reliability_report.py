@@ -4,15 +4,20 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import minimize
+from scipy.special import expit
 
 from benchmarks.reliability import Bin, Judged, Share, binned
+from geometry.arrays import BoolArray, FloatArray
+from locate.decide import RIGHTLY_TOLD
 
 RATIOS = (0.0, 0.5, 1.0, 2.0, np.inf)
 ALARMS = (0.5, 0.1, 0.01, 0.001)
 
 
 def report(every: Sequence[Judged]) -> str:
-    return "\n\n".join([reported(every), unasked(every), clutter(every), limits(every)])
+    parts = (reported, unasked, clutter, limits, believable)
+    return "\n\n".join(part(every) for part in parts)
 
 
 def reported(every: Sequence[Judged]) -> str:
@@ -89,6 +94,38 @@ def limits(every: Sequence[Judged]) -> str:
             level = np.median([one.threshold_nats for one in some])
             lines.append(f"median {name} a plume: limit {limit_px:.3f} px, level {level:.0f} nats")
     return "\n".join(lines)
+
+
+def believable(every: Sequence[Judged]) -> str:
+    """How often the strongest plumes are true by their evidence a view, and how `believed` does."""
+    told = [one for one in every if one.unasked.nats > 0]
+    nats = np.array([one.unasked.nats / one.views for one in told])
+    true = np.array([one.true(one.unasked) for one in told])
+    if true.all() or not true.any():
+        return "all of the strongest plumes are true, or none is"
+    level, slope = logistic(nats, true)
+    rightly = expit(RIGHTLY_TOLD[0] + RIGHTLY_TOLD[1] * nats)
+    loss, chance = (log_loss(p, true) for p in (rightly, np.full(len(true), true.mean())))
+    return (
+        f"logit of being true, strongest plumes: {level:.3f} + {slope:.3f} a nat a view\n"
+        f"log loss of what maps believe: {loss:.3f}; of the mere share: {chance:.3f}"
+    )
+
+
+def logistic(x: FloatArray, labels: BoolArray) -> tuple[float, float]:
+    """Level and slope of the logistic regression of labels on x."""
+
+    def loss(parameters: FloatArray) -> float:
+        return log_loss(expit(parameters[0] + parameters[1] * x), labels)
+
+    level, slope = minimize(loss, np.zeros(2), method="Nelder-Mead").x
+    return float(level), float(slope)
+
+
+def log_loss(probability: FloatArray, labels: BoolArray) -> float:
+    """Mean negative log likelihood of labels, nats."""
+    right = np.where(labels, probability, 1 - probability)
+    return float(-np.log(np.maximum(right, 1e-12)).mean())
 
 
 def found_over_limit(every: Sequence[Judged]) -> list[tuple[float, float, Share]]:

@@ -1,7 +1,7 @@
 """Whether the probability that a map states is true: a hundred recordings, with plumes or without.
 
-    python -m benchmarks.stated_probability film  --work work/stated [--part K N]
-    python -m benchmarks.stated_probability judge --work work/stated [--part K N]
+    python -m benchmarks.stated_probability film  --work work/stated [--flows K...]
+    python -m benchmarks.stated_probability judge --work work/stated [--flows K...]
     python -m benchmarks.stated_probability tell  --work work/stated [--plot reliability.png]
 
 Random plants of the seeds 320000 to 320099, which nothing was trained or tuned on, on an arc of 20
@@ -175,13 +175,14 @@ def judge_all(options: argparse.Namespace) -> None:
 
 
 def chosen(options: argparse.Namespace) -> list[int]:
-    """The seeds of the part asked for, those of one flow together."""
-    first, every = options.part
-    return [seed for seed in sorted(SEEDS, key=flow_of) if flow_of(seed) % every == first]
+    """The seeds of the flows asked for, those of one flow together."""
+    flows = [SEEDS.start + k for k in options.flows]
+    return [seed for seed in sorted(SEEDS, key=flow_of) if flow_of(seed) in flows]
 
 
 def tell(options: argparse.Namespace) -> None:
-    every = [Judged.load(path) for path in sorted(options.work.glob("*.json"))]
+    paths = [options.work / f"{seed}.json" for seed in chosen(options)]
+    every = [Judged.load(path) for path in paths if path.exists()]
     print(report(every))
     if options.plot:
         cv2.imwrite(str(options.plot), picture(every))
@@ -191,7 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("task", choices=("film", "judge", "tell"))
     parser.add_argument("--work", type=Path, default=Path("work/stated"))
-    parser.add_argument("--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"))
+    parser.add_argument("--flows", type=int, nargs="+", default=range(FLOWS), metavar="K")
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)

@@ -106,7 +106,7 @@ def believed(plume: Plume, detector: str, views: int) -> Plume:
 
     A network is wrong alike from all sides, which the draws of chance know nothing of. How often
     is by logistic regression over the strongest plumes of 55 random plants
-    (`benchmarks/stated_probability.py`, the seeds that docs/seeing.md names).
+    (`benchmarks/stated_probability.py`; docs/seeing.md says which, and how it did on others).
     """
     if not clutter_nats(detector):
         return plume

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.reliability import NOTHING, Judged, Share, Stated, binned
 from benchmarks.reliability_picture import along, picture, row
-from benchmarks.reliability_report import found_over_limit, report
+from benchmarks.reliability_report import found_over_limit, log_loss, logistic, report
 from benchmarks.stated_probability import (
     FLOWS,
     SEEDS,
@@ -56,6 +56,15 @@ def judged() -> Judged:
 )
 def test_intervals_are_exact(hits: int, low: float, high: float) -> None:
     assert Share(hits=hits, count=10).interval == pytest.approx((low, high), abs=1e-5)
+
+
+def test_logistic_regression_finds_what_drew_the_labels() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.uniform(0, 10, 4000)
+    probability = 1 / (1 + np.exp(2 - 0.5 * x))
+    labels = rng.random(4000) < probability
+    assert logistic(x, labels) == pytest.approx((-2, 0.5), abs=0.3)
+    assert log_loss(probability, labels) < log_loss(np.full(4000, labels.mean()), labels)
 
 
 def test_of_nothing_all_is_possible() -> None:
