@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import expit
 
 from benchmarks.reliability import Bin, Judged, Share, binned
+from detect.calibration import logistic
 from geometry.arrays import BoolArray, FloatArray
 from locate.decide import RIGHTLY_TOLD
 
@@ -103,23 +103,13 @@ def believable(every: Sequence[Judged]) -> str:
     true = np.array([one.true(one.unasked) for one in told])
     if true.all() or not true.any():
         return "all of the strongest plumes are true, or none is"
-    level, slope = logistic(nats, true)
+    slope, level = logistic(nats[:, None], true)
     rightly = expit(RIGHTLY_TOLD[0] + RIGHTLY_TOLD[1] * nats)
     loss, chance = (log_loss(p, true) for p in (rightly, np.full(len(true), true.mean())))
     return (
         f"logit of being true, strongest plumes: {level:.3f} + {slope:.3f} a nat a view\n"
         f"log loss of what maps believe: {loss:.3f}; of the mere share: {chance:.3f}"
     )
-
-
-def logistic(x: FloatArray, labels: BoolArray) -> tuple[float, float]:
-    """Level and slope of the logistic regression of labels on x."""
-
-    def loss(parameters: FloatArray) -> float:
-        return log_loss(expit(parameters[0] + parameters[1] * x), labels)
-
-    level, slope = minimize(loss, np.zeros(2), method="Nelder-Mead").x
-    return float(level), float(slope)
 
 
 def log_loss(probability: FloatArray, labels: BoolArray) -> float:

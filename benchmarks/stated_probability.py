@@ -31,6 +31,7 @@ from benchmarks.seeing import Recorded, labels, record
 from detect.registered import RegisteredDetector
 from detect.synthesis.sample import log_uniform
 from geometry.arrays import FloatArray
+from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 from locate.decide import believed
 from locate.detectors import clutter_nats, registered_weights
@@ -183,6 +184,8 @@ def chosen(options: argparse.Namespace) -> list[int]:
 def tell(options: argparse.Namespace) -> None:
     paths = [options.work / f"{seed}.json" for seed in chosen(options)]
     every = [Judged.load(path) for path in paths if path.exists()]
+    if not every:
+        raise BadInputError(f"{options.work}: nothing judged there yet; run film and judge first")
     print(report(every))
     if options.plot:
         cv2.imwrite(str(options.plot), picture(every))
@@ -192,12 +195,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("task", choices=("film", "judge", "tell"))
     parser.add_argument("--work", type=Path, default=Path("work/stated"))
-    parser.add_argument("--flows", type=int, nargs="+", default=range(FLOWS), metavar="K")
+    flows = range(FLOWS)
+    parser.add_argument("--flows", type=int, nargs="+", choices=flows, default=flows, metavar="K")
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     options.work.mkdir(parents=True, exist_ok=True)
-    {"film": film_all, "judge": judge_all, "tell": tell}[options.task](options)
+    try:
+        {"film": film_all, "judge": judge_all, "tell": tell}[options.task](options)
+    except BadInputError as error:
+        parser.error(str(error))
 
 
 if __name__ == "__main__":

@@ -53,12 +53,12 @@ class Scale:
         if any(min(labels[h].sum(), (~labels[h]).sum()) < LEAST_OF_EACH for h in halves):
             return None
         crossed = [
-            auroc(scores[there] @ _logistic(scores[here], labels[here])[:-1], labels[there])
+            auroc(scores[there] @ logistic(scores[here], labels[here])[:-1], labels[there])
             for here, there in (halves, halves[::-1])
         ]
         if min(crossed) < LEAST_AUROC:
             return None
-        weights = _logistic(scores, labels)
+        weights = logistic(scores, labels)
         return cls(
             weights=tuple(float(weight) for weight in weights[:-1]),
             offset=float(weights[-1]),
@@ -188,7 +188,7 @@ def posterior(llr: FloatMap, prior: float) -> FloatMap:
     return np.asarray(expit(llr + logit(prior)), dtype=np.float32)
 
 
-def _logistic(scores: FloatArray, labels: BoolArray) -> FloatArray:
+def logistic(scores: FloatArray, labels: BoolArray) -> FloatArray:
     """Weights of the largest likelihood, the offset last; Newton's method, a trace of ridge.
 
     Targets are Platt's: (n + 1) / (n + 2) and 1 / (n + 2), not 1 and 0, so that a perfect score

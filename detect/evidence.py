@@ -41,27 +41,16 @@ def displacement_evidence(
     Returns:
         (H, W) llr in nats, from -1.5 to 4, 0 where nothing can be said; (H, W) sigma_px.
     """
+    size = np.hypot(displacement[..., 0], displacement[..., 1])
     measured = np.isfinite(sigma_px) & (trust > 0)
-    size, sigma_px = size_and_sigma(displacement, sigma_px, texture, measured, largest_scale)
+    scale = null_scale(size, sigma_px, texture, measured)
+    sigma_px = sigma_px * np.minimum(scale, largest_scale)
     llr = log_likelihood_ratio(size, np.where(measured, sigma_px, 1.0).astype(np.float32))
     trust = np.where(measured, trust, 0).astype(np.float32)
     llr = pooled(np.clip(llr, LLR_MIN, POOLED_MOST), trust)
     llr = llr * texture / (texture + TEXTURE_HALF) * trust
     llr = np.where(measured, np.clip(llr, LLR_MIN, LLR_MAX), 0)
     return llr.astype(np.float32), sigma_px.astype(np.float32)
-
-
-def size_and_sigma(
-    displacement: FloatMap,
-    sigma_px: FloatMap,
-    texture: FloatMap,
-    measured: BoolArray,
-    largest_scale: float = np.inf,
-) -> tuple[FloatMap, FloatMap]:
-    """(H, W) |w| and (H, W) the sigma that fits the frame's own scatter, px."""
-    size_px = np.hypot(displacement[..., 0], displacement[..., 1])
-    scale = null_scale(size_px, sigma_px, texture, measured)
-    return size_px, sigma_px * np.minimum(scale, largest_scale)
 
 
 def null_scale(

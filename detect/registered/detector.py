@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from detect.detection import Detection, Frames
-from detect.evidence import displacement_evidence, size_and_sigma
+from detect.evidence import displacement_evidence, null_scale
 from detect.registered.features import features
 from detect.registered.learned import Reader
 from detect.registered.measure import Measurement, Neighbour, Registration
@@ -85,7 +85,8 @@ class RegisteredDetector:
             llr, stated_px = displacement_evidence(w, sigma_px, texture, believed)
         else:
             llr = self._reader.read(features(measurement, sigma_px)).llr(self._calibration)
-            _, stated_px = size_and_sigma(w, sigma_px, texture, np.isfinite(sigma_px))
+            size_px, measured = np.hypot(w[..., 0], w[..., 1]), np.isfinite(sigma_px)
+            stated_px = sigma_px * null_scale(size_px, sigma_px, texture, measured)
         return _detection(measurement, llr, stated_px, inverse_depth_unit)
 
     def measure(self, frames: Frames, index: int) -> tuple[Measurement, float] | None:

@@ -64,7 +64,7 @@ def parallaxes(trajectory: Trajectory, index: int, inverse_depth: float) -> Floa
     camera = trajectory.camera
     size = np.array([camera.width, camera.height])
     pixels = (pixel_grid((6, 8)) + 0.5) * (size / [8, 6]).astype(np.float32)
-    pixels = np.broadcast_to(pixels.reshape(-1, 2), (len(trajectory), 48, 2))
+    pixels = np.broadcast_to(pixels.reshape(1, -1, 2), (len(trajectory), pixels[..., 0].size, 2))
     view = Epipolar.towards_all(trajectory, index)
     targets = pixels + view.flow(pixels, inverse_depth)
     overlap = ((targets >= 0) & (targets < size)).all(axis=-1).mean(axis=-1)

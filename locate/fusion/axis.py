@@ -15,9 +15,9 @@ from locate.fusion.column import (
     OPENING,
     RADIUS,
     axis_direction,
+    covered,
     score,
     spine,
-    without,
 )
 from locate.fusion.views import Views
 
@@ -96,12 +96,12 @@ def _core(views: Views, column: FloatArray) -> Views:
     Around a strong plume the air is bent little and far to one side, which speaks for refraction as
     much as the middle does, but is not where the axis is.
     """
-    covered = (without(views, column, radii=1.0).llr == 0) & (views.llr > 0)
+    inside = covered(views, column)
     noise = np.minimum(views.sigma_px, views.displacement_px)
     size = np.sqrt(views.displacement_px**2 - noise**2)
     llr = views.llr.copy()
-    for i in np.flatnonzero(covered.sum(axis=(1, 2)) >= FEWEST_COVERED):
-        most = np.percentile(size[i][covered[i]], CORE_PERCENTILE)
+    for i in np.flatnonzero(inside.sum(axis=(1, 2)) >= FEWEST_COVERED):
+        most = np.percentile(size[i][inside[i]], CORE_PERCENTILE)
         if most > 0:
             share = np.minimum(1, size[i] / most)
             llr[i] = np.where(llr[i] > 0, llr[i] * share, llr[i])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from geometry.arrays import FloatArray
+from geometry.arrays import BoolArray, FloatArray
 from geometry.grid import lever_gate
 from locate.fusion.views import Views
 
@@ -137,6 +137,11 @@ def stands_out(views: Views, columns: FloatArray) -> FloatArray:
     """
     nats, looks = sums(views, columns)
     return agreed(np.maximum(nats, 0) / np.maximum(looks, LEAST_LOOKS) ** SHARPNESS)
+
+
+def covered(views: Views, column: FloatArray) -> BoolArray:
+    """(V, H, W) the pixels inside a column's outline that speak for a plume."""
+    return np.asarray((views.llr > 0) & (without(views, column, radii=1.0).llr == 0))
 
 
 def without(views: Views, column: FloatArray, *, radii: float = EXPLAINED_RADII) -> Views:

@@ -20,6 +20,7 @@ from locate.fusion.column import (
     X,
     Y,
     agreed,
+    covered,
     evidence,
     score,
     without,
@@ -72,7 +73,7 @@ def _fitted(
 
 def _sharpened(views: Views, column: FloatArray) -> Views:
     """The evidence less a share of what the pixels that speak for the column say."""
-    inside = (views.llr > 0) & (_alone(views, column).llr == 0)
+    inside = covered(views, column)
     level = LEVEL_SHARE * views.llr[inside].mean() if inside.any() else 0.0
     llr = np.where(views.llr == 0, 0, views.llr - level)
     return replace(views, llr=llr.astype(np.float32))

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.reliability import NOTHING, Judged, Share, Stated, binned
 from benchmarks.reliability_picture import along, picture, row
-from benchmarks.reliability_report import found_over_limit, log_loss, logistic, report
+from benchmarks.reliability_report import found_over_limit, log_loss, report
 from benchmarks.stated_probability import (
     FLOWS,
     SEEDS,
@@ -20,6 +20,7 @@ from benchmarks.stated_probability import (
     scene_of,
     strongest,
 )
+from detect.calibration import logistic
 from geometry.arrays import FloatArray
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
@@ -63,7 +64,7 @@ def test_logistic_regression_finds_what_drew_the_labels() -> None:
     x = rng.uniform(0, 10, 4000)
     probability = 1 / (1 + np.exp(2 - 0.5 * x))
     labels = rng.random(4000) < probability
-    assert logistic(x, labels) == pytest.approx((-2, 0.5), abs=0.3)
+    assert logistic(x[:, None], labels) == pytest.approx((0.5, -2), abs=0.3)
     assert log_loss(probability, labels) < log_loss(np.full(4000, labels.mean()), labels)
 
 
