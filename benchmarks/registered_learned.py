@@ -11,14 +11,16 @@ same generator as the training's, of seeds that nothing was trained, chosen or c
 plume's amplitude, negative where it is below 0.01 px, neither in between; sky and everything that
 is not measured counts as neither. `plain` is `registered-plain`. EPE is the mean error over
 positives, beside that of an answer of zero. The reliability says what a stated llr is worth: the
-log of the share of positives over the share of negatives whose llr lies there.
+log of the share of positives over the share of negatives whose llr lies there, and by how much
+that scatters (standard deviation) where as many recordings are drawn from these with replacement;
+plants of one seed count as one recording.
 """
 
 import argparse
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -31,7 +33,7 @@ from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.detector import trust as trust_in
 from detect.registered.features import FEATURES, SMALL_PX, feature, features
 from detect.registered.learned import CLASS_NAMES, Reader
-from detect.registered.lessons import KINDS, Lesson, lesson_path, lesson_paths
+from detect.registered.lessons import KINDS, Lesson, lesson_path, lesson_paths, seed_of
 from detect.scores import auroc, average_precision
 from geometry.arrays import FloatMap
 from locate.observe import load_points, spread
@@ -41,6 +43,8 @@ CONDITIONS = ((1.0, 1.0), (0.3, 1.0), (0.3, 3.0), (0.1, 1.0), (0.0, 1.0), (0.0, 
 THIN = (slice(1, None, 4),) * 2
 BINS = np.array([LLR_MIN, -1, -0.5, 0.5, 1, 1.5, 2, 2.5, 3, 3.5, LLR_MAX])
 FEWEST = 50
+DRAWN = 200
+NEAR = 0.3
 KEY_FRAMES = 16
 
 
@@ -84,7 +88,7 @@ class Tally:
         self._reader, self._calibration = reader, reader.calibration()
         self._columns: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
-    def add(self, lesson: Lesson) -> None:
+    def add(self, lesson: Lesson, seed: int) -> None:
         for read in read_lesson(self._reader, lesson):
             here = read.counts[THIN]
             hand_llr, hand_displacement = by_hand(read)
@@ -102,6 +106,7 @@ class Tally:
             }
             for name, map_ in maps.items():
                 self._columns[name].append(map_[THIN][here])
+            self._columns["recording"].append(np.full(here.sum(), seed))
 
     def __getitem__(self, name: str) -> np.ndarray:
         return np.concatenate(self._columns[name])
@@ -128,19 +133,47 @@ class Tally:
         return f"{inside}{ratio[~positive].mean():.2f} out"
 
 
-def reliability(llr: np.ndarray, positive: np.ndarray) -> list[str]:
-    """Observed at stated, of each of `BINS`; the bounds are bins of their own."""
-    cells = []
-    edges = [-np.inf, *(BINS[:-1] + 1e-3), LLR_MAX - 1e-3, np.inf]
-    for low, high in pairwise(edges):
-        members = (llr > low) & (llr <= high) & (llr != 0)
-        hits, misses = (members & positive).sum(), (members & ~positive).sum()
-        if min(hits, misses) < FEWEST:
-            cells.append("")
-            continue
-        observed = np.log(hits / positive.sum()) - np.log(misses / (~positive).sum())
-        cells.append(f"{observed:.1f} at {llr[members].mean():.1f}")
-    return cells
+@dataclass(frozen=True, kw_only=True)
+class Bin:
+    """Nats; `scatter` is a standard deviation of `observed`."""
+
+    observed: float
+    scatter: float
+    stated: float
+
+    def __str__(self) -> str:
+        return f"{self.observed:.1f} ± {self.scatter:.1f} at {self.stated:.1f}"
+
+    @property
+    def gap(self) -> float:
+        return abs(self.observed - self.stated)
+
+
+def reliability(llr: np.ndarray, positive: np.ndarray, recording: np.ndarray) -> list[Bin | None]:
+    """Of each of `BINS`; the bounds are bins of their own."""
+    edges = [*(BINS[:-1] + 1e-3), LLR_MAX - 1e-3]
+    silent = len(edges) + 1
+    if min(positive.sum(), (~positive).sum()) < FEWEST:
+        return [None] * silent
+    which = np.where(llr == 0, silent, np.digitize(llr, edges, right=True))
+    ids, row = np.unique(recording, return_inverse=True)
+    counts = np.zeros((2, len(ids), silent + 1))
+    np.add.at(counts, (positive.astype(int), row, which), 1)
+    again = np.random.default_rng(0).multinomial(len(ids), np.ones(len(ids)) / len(ids), DRAWN)
+    told, scatter = observed(counts.sum(axis=1)), observed(again @ counts).std(axis=0)
+    fewest = counts.sum(axis=1).min(axis=0)
+    return [
+        Bin(observed=told[k], scatter=scatter[k], stated=llr[which == k].mean())
+        if fewest[k] >= FEWEST
+        else None
+        for k in range(silent)
+    ]
+
+
+def observed(counts: np.ndarray) -> np.ndarray:
+    """(..., B) nats, of (2, ..., B) pixels of either kind; half a pixel more, so none is empty."""
+    misses, hits = np.log((counts + 0.5) / counts.sum(axis=-1, keepdims=True))
+    return np.asarray(hits - misses)
 
 
 def table(options: argparse.Namespace) -> None:
@@ -151,7 +184,7 @@ def table(options: argparse.Namespace) -> None:
     for amplitude_px, noise in CONDITIONS:
         tally = Tally(reader)
         for path in lesson_paths(options.folder / name_of(amplitude_px, noise)):
-            tally.add(Lesson.load(path))
+            tally.add(Lesson.load(path), seed_of(path))
         tallies[f"{amplitude_px:.1f} px, {noise:.0f}/255"] = tally
         for row in tally.rows():
             print(f"| {amplitude_px:.1f} px, {noise:.0f}/255 | {row} |", flush=True)
@@ -163,7 +196,7 @@ def lessons(options: argparse.Namespace) -> None:
     tallies: defaultdict[str, Tally] = defaultdict(lambda: Tally(reader))
     for path in chosen(options.lessons, options.seeds):
         lesson = Lesson.load(path)
-        tallies[KINDS[lesson.kind]].add(lesson)
+        tallies[KINDS[lesson.kind]].add(lesson, seed_of(path))
     print("| strength | contender | AUROC | AP | EPE / of zero, px | llr > 1 in plumes "
           "| outside |\n|" + "---|" * 7)  # fmt: skip
     for kind in sorted(tallies, key=KINDS.index):
@@ -172,22 +205,34 @@ def lessons(options: argparse.Namespace) -> None:
     print_reliability(tallies)
 
 
+def cells(bins: Sequence[Bin | None]) -> str:
+    return " | ".join(str(one or "") for one in bins)
+
+
 def print_reliability(tallies: dict[str, Tally]) -> None:
     columns = {
         name: np.concatenate([tally[name] for tally in tallies.values()])
-        for name in ("learned", "positive", "place")
+        for name in ("learned", "positive", "place", "recording")
     }
     print("\n| reliability | " + " | ".join(f"to {high:g}" for high in [*BINS, np.inf]) + " |")
     print("|" + "---|" * (len(BINS) + 2))
     rows = {"all": columns["positive"] | True}
     rows |= {name: columns["place"] == k for k, name in enumerate(CLASS_NAMES)}
+    judged: list[Bin] = []
     for name, members in rows.items():
-        cells = reliability(columns["learned"][members], columns["positive"][members])
-        print(f"| {name}, {members.mean():.2f} of pixels | " + " | ".join(cells) + " |")
+        bins = reliability(*(columns[n][members] for n in ("learned", "positive", "recording")))
+        print(f"| {name}, {members.mean():.2f} of pixels | {cells(bins)} |")
+        judged += [one for one in bins if one and name != "all"]
     for name, tally in tallies.items():
         if tally["positive"].any():
-            cells = reliability(tally["learned"], tally["positive"])
-            print(f"| {name} | " + " | ".join(cells) + " |")
+            bins = reliability(tally["learned"], tally["positive"], tally["recording"])
+            print(f"| {name} | {cells(bins)} |")
+    for low, high in ((LLR_MIN, 0.5), (0.5, LLR_MAX)):
+        some = [one for one in judged if low + 1e-3 < one.stated < high - 1e-3]
+        near = sum(one.gap <= NEAR for one in some)
+        likely = sum(one.gap <= max(NEAR, 2 * one.scatter) for one in some)
+        print(f"{low:g} to {high:g} nats: of {len(some)} bins of classes {near} within {NEAR}, "
+              f"{likely} within that or twice the scatter")  # fmt: skip
     for name, tally in tallies.items():
         print(f"NEES of the displacement, {name}: {tally.nees()}")
 
