@@ -78,7 +78,7 @@ def joined(parts: Sequence[Views]) -> Views:
         trajectory=replace(whole, covariances=covariances),
         llr=np.concatenate([part.llr for part in parts]),
         inverse_depth=np.concatenate([part.inverse_depth for part in parts]),
-        displacement_px=np.concatenate([part.displacement_px for part in parts]),
+        displacement=np.concatenate([part.displacement for part in parts]),
         sigma_px=np.concatenate([part.sigma_px for part in parts]),
         correlation_px2=parts[0].correlation_px2,
     )

@@ -41,7 +41,7 @@ def one(views: Views, row: int) -> Views:
         trajectory=views.trajectory.take([row]),
         llr=views.llr[[row]],
         inverse_depth=views.inverse_depth[[row]],
-        displacement_px=views.displacement_px[[row]],
+        displacement=views.displacement[[row]],
         sigma_px=views.sigma_px[[row]],
         correlation_px2=views.correlation_px2,
     )

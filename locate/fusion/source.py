@@ -136,5 +136,5 @@ def _displacement(views: Views, column: FloatArray, rows: IntArray) -> float:
         pixel = views.trajectory.project(int(i), points)
         pixel = np.rint(pixel[np.isfinite(pixel).all(axis=1)]).astype(int)
         inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
-        values.append(views.displacement_px[i][pixel[inside, 1], pixel[inside, 0]])
-    return float(np.concatenate(values).mean())
+        values.append(views.displacement[i][pixel[inside, 1], pixel[inside, 0]])
+    return float(np.linalg.norm(np.concatenate(values), axis=1).mean())

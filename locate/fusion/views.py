@@ -28,8 +28,9 @@ class Views:
         trajectory: V poses; the camera is a pinhole of the maps' size.
         llr: (V, H, W) evidence, nats per pixel.
         inverse_depth: (V, H, W) of the background, 1 / world unit; NaN where unknown.
-        displacement_px: (V, H, W) length of the displacement, px of the original frames.
-        sigma_px: (V, H, W) its standard deviation, same px; inf where nothing was measured.
+        displacement: (V, H, W, 2) px of the original frames, x right, y down.
+        sigma_px: (V, H, W) standard deviation of either component, same px; inf where nothing was
+            measured.
         correlation_px2: Area over which the evidence of plume-free pixels is correlated, px of
             these maps squared; so many pixels count as one look.
     """
@@ -37,7 +38,7 @@ class Views:
     trajectory: Trajectory
     llr: FloatMap
     inverse_depth: FloatMap
-    displacement_px: FloatMap
+    displacement: FloatMap
     sigma_px: FloatMap
     correlation_px2: float
 
@@ -63,9 +64,7 @@ class Views:
             trajectory=replace(trajectory, camera=camera),
             llr=llr,
             inverse_depth=np.stack([_nearest(d, camera.width, camera.height) for d in depth]),
-            displacement_px=np.stack(
-                [shrink(np.linalg.norm(d.displacement, axis=-1)) for d in detections]
-            ),
+            displacement=np.stack([shrink(d.displacement) for d in detections]),
             sigma_px=np.stack(
                 [_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
             ),

@@ -73,6 +73,7 @@ class Follower:
         self._height = float(plume.source[2] - self._column[Z])
         self._glimpses: deque[Glimpse] = deque(maxlen=most)
         seen = sight_axis(views, self._column)
+        self._away = int(np.sign(seen.away.sum()))
         for row, pose in enumerate(shared.taken_out(poses)):
             number = int(views.trajectory.indices[row])
             part = _taken(seen, seen.view == row)
@@ -89,7 +90,7 @@ class Follower:
             pose: Where it was taken.
             view: Its evidence: one row.
         """
-        seen = sight_axis(view, self._column)
+        seen = sight_axis(view, self._column, self._away)
         if self._first is None or not len(seen):
             return None
         (own,) = self.shared.taken_out([pose])
@@ -122,13 +123,14 @@ class Follower:
         before, covariance_before = first.at(self._height)
         after, covariance_after = now.at(self._height)
         rest = _positive(self.plume.source_covariance - covariance_before)
+        surer = now.direction_sigma_rad / first.direction_sigma_rad
         views = {*self.plume.views, *(g.number for g in self._glimpses if len(g.sightings))}
         return replace(
             self.plume,
             source=self.plume.source + after - before,
             source_covariance=covariance_after + rest,
             axis=now.direction,
-            axis_sigma_rad=now.direction_sigma_rad,
+            axis_sigma_rad=surer * self.plume.axis_sigma_rad,
             views=tuple(sorted(views)),
         )
 

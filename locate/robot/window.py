@@ -162,7 +162,7 @@ class EvidenceWindow:
             trajectory=trajectory,
             llr=np.concatenate([part.llr for part in parts]),
             inverse_depth=np.concatenate([part.inverse_depth for part in parts]),
-            displacement_px=np.concatenate([part.displacement_px for part in parts]),
+            displacement=np.concatenate([part.displacement for part in parts]),
             sigma_px=np.concatenate([part.sigma_px for part in parts]),
             correlation_px2=_pooled_correlation(parts),
         )

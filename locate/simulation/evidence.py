@@ -12,6 +12,8 @@ from locate.fusion.views import Views, correlation_area
 
 RANGE_M = 8.5
 WALL_M = 6.0
+MOST_BENT_PX, BENT_AT_RADII = 1.0, 0.45
+SIGMA_PX = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,8 +94,11 @@ def _inverse_depth(trajectory: Trajectory, i: int) -> FloatArray:
     return 1 / (np.minimum(ground, np.where(wall > 0, wall, np.inf)) * rays[..., 2])
 
 
-def _mask(trajectory: Trajectory, i: int, truth: Truth, rng: np.random.Generator) -> FloatArray:
-    """The outline of the column, meandering anew in each view."""
+def _bent(trajectory: Trajectory, i: int, truth: Truth, rng: np.random.Generator) -> FloatArray:
+    """(H, W) displacement along x, px, by the column, which meanders anew in each view; 0 outside.
+
+    Light is bent away from the axis, as the middle of a column of Gaussian profile does it.
+    """
     heights = np.linspace(0, truth.height, 60)
     points = truth.source + heights[:, None] * np.array([*truth.slope, 1.0])
     radius = truth.radius + truth.opening * heights
@@ -103,11 +108,19 @@ def _mask(trajectory: Trajectory, i: int, truth: Truth, rng: np.random.Generator
     pixels = trajectory.project(i, points)
     depth = trajectory.world_to_cam(i, points)[:, 2]
     mask = np.zeros((trajectory.camera.height, trajectory.camera.width), np.uint8)
-    left = pixels - np.stack([radius / depth, 0 * depth], axis=1) * trajectory.camera.focal_px
+    half_px = trajectory.camera.focal_px * radius / depth
+    left = pixels - np.stack([half_px, 0 * half_px], axis=1)
     right = 2 * pixels - left
     outline = np.concatenate([left, right[::-1]])
     cv2.fillPoly(mask, [np.rint(outline * 16).astype(np.int32)], 1, shift=4)
-    return mask.astype(bool)
+    upwards = np.argsort(pixels[:, 1])
+    rows = np.arange(len(mask))
+    middle, half = (
+        np.interp(rows, pixels[upwards, 1], along[upwards])[:, None]
+        for along in (pixels[:, 0], half_px)
+    )
+    from_axis = (np.arange(mask.shape[1]) - middle) / (BENT_AT_RADII * half)
+    return np.asarray(mask * MOST_BENT_PX * from_axis * np.exp(0.5 - from_axis**2 / 2))
 
 
 def corrupted_views(
@@ -119,10 +132,11 @@ def corrupted_views(
     """What a detector with these faults would say, and poses with these errors."""
     shape = (trajectory.camera.height, trajectory.camera.width)
     maps = []
+    displacement = np.zeros((len(trajectory), *shape, 2), np.float32)
     for i in range(len(trajectory)):
-        mask = np.zeros(shape, bool)
         if truth is not None and rng.random() >= corruption.missed_views:
-            mask = _mask(trajectory, i, truth, rng)
+            displacement[i, ..., 0] = _bent(trajectory, i, truth, rng)
+        mask = displacement[i, ..., 0] != 0
         if rng.random() < corruption.false_blobs:
             blob = np.zeros(shape, np.uint8)
             center = rng.integers([0, 0], shape[::-1])
@@ -137,8 +151,8 @@ def corrupted_views(
         trajectory=_shaken(trajectory, rng, corruption),
         llr=llr,
         inverse_depth=np.stack(inverse_depth).astype(np.float32),
-        displacement_px=np.maximum(llr, 0),
-        sigma_px=np.full_like(llr, 0.1),
+        displacement=displacement,
+        sigma_px=np.full_like(llr, SIGMA_PX),
         correlation_px2=correlation_area(llr),
     )
 

@@ -413,11 +413,12 @@ def test_the_axis_is_sought_in_the_core_of_a_plume(truth: Truth) -> None:
     column = as_column(truth)
     width = views.llr.shape[2]
     beside = np.maximum(views.llr, np.roll(views.llr, width // 80, axis=2))
-    weak = np.where(views.displacement_px > 0.5, views.displacement_px, 0.15).astype(np.float32)
-    even = np.ones_like(weak)
+    upwards = np.zeros_like(views.displacement)
+    upwards[..., 1] = np.where(views.llr > 0, 1, 0.15)
     halo = replace(views, llr=beside)
     offsets = [
-        sight_axis(replace(halo, displacement_px=size), column).offset_px for size in (weak, even)
+        sight_axis(replace(halo, displacement=bent), column).offset_px
+        for bent in (upwards, np.sign(upwards))
     ]
     assert abs(np.median(offsets[0])) < 0.5 * abs(np.median(offsets[1]))
 

@@ -51,9 +51,8 @@ class Oracle:
         distance = np.linalg.norm(self.views.trajectory.centers_in_world - center, axis=1)
         i = int(distance.argmin())
         self.seen.append(i)
-        amount = self.views.displacement_px[i]
         return Detection(
-            displacement=np.stack([amount, 0 * amount], axis=-1),
+            displacement=self.views.displacement[i],
             sigma_px=self.views.sigma_px[i],
             llr=self.views.llr[i],
             inverse_depth=self.views.inverse_depth[i],

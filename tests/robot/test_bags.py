@@ -173,7 +173,7 @@ def some(views: Views) -> Views:
         trajectory=views.trajectory.take(range(SOME)),
         llr=views.llr[:SOME],
         inverse_depth=views.inverse_depth[:SOME],
-        displacement_px=views.displacement_px[:SOME],
+        displacement=views.displacement[:SOME],
         sigma_px=views.sigma_px[:SOME],
         correlation_px2=views.correlation_px2,
     )

@@ -20,7 +20,7 @@ def row(views: Views, i: int) -> Views:
         trajectory=views.trajectory.take([i]),
         llr=views.llr[[i]],
         inverse_depth=views.inverse_depth[[i]],
-        displacement_px=views.displacement_px[[i]],
+        displacement=views.displacement[[i]],
         sigma_px=views.sigma_px[[i]],
         correlation_px2=views.correlation_px2,
     )
@@ -31,7 +31,7 @@ def first(views: Views, count: int) -> Views:
         trajectory=views.trajectory.take(range(count)),
         llr=views.llr[:count],
         inverse_depth=views.inverse_depth[:count],
-        displacement_px=views.displacement_px[:count],
+        displacement=views.displacement[:count],
         sigma_px=views.sigma_px[:count],
         correlation_px2=views.correlation_px2,
     )

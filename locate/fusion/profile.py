@@ -1,0 +1,177 @@
+"""Across the axis of a column: what one view shows of one section, and where the axis lies in it.
+
+Two things tell. The evidence is where the plume is, but reaches as far out as light is bent at all,
+and further where the background shows it better. The displacement turns its sign at the axis:
+light is bent away from warm air on both sides, and towards a denser gas.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray, FloatMap
+from geometry.grid import lever_gate
+from geometry.trajectory import Trajectory
+from locate.fusion.column import (
+    FOOTPRINT_SHARE,
+    NEAREST_DEPTH_UNITS,
+    OPENING,
+    RADIUS,
+    axis_direction,
+    spine,
+)
+from locate.fusion.views import Views
+
+REACH_RADII, SAMPLES = 2.5, 101
+REACH = np.linspace(-REACH_RADII, REACH_RADII, SAMPLES)
+SEARCHED = np.abs(REACH) <= REACH_RADII - FOOTPRINT_SHARE
+PLACES = REACH[SEARCHED]
+EDGE_SAMPLES = 5
+OUTLINE = cv2.GaussianBlur(
+    (np.abs(REACH) <= FOOTPRINT_SHARE).astype(float)[None], (0, 0), EDGE_SAMPLES
+)[0]
+OUTLINE /= OUTLINE.sum()
+TURN_RADII = 0.3
+FROM_PLACE = (REACH - PLACES[:, None]) / TURN_RADII
+TURN = FROM_PLACE * np.exp(-(FROM_PLACE**2) / 2)
+NEAR_RADII = 0.5
+TURBULENCE_PX = 0.1
+OUTLINE_LOOK_PX2, TURN_LOOK_PX2 = 10.0, 36.0
+OUTLINE_SHARE = 0.3
+SECTION_SAW_LLR = 0.4
+LEAST_RADIUS_PX = 2.0
+
+
+class Across(NamedTuple):
+    """What is sampled across the axis.
+
+    Attributes:
+        core: The views, with the evidence that says where the middle of the plume is.
+        precision: (V, H, W) of a component of the displacement, 1 / px^2; 0 where unknown.
+    """
+
+    core: Views
+    precision: FloatMap
+
+    @classmethod
+    def of(cls, views: Views, core: Views) -> Self:
+        """Of views that say something where their llr is not 0."""
+        precision = 1 / (views.sigma_px**2 + TURBULENCE_PX**2)
+        return cls(core, np.where(views.llr != 0, precision, 0).astype(np.float32))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """One section of a column in one view, at C places of the axis across it.
+
+    Attributes:
+        height: Middle of the section above the column's lowest point, along world Z.
+        offsets_px: (C,) the places, from the column's own axis along the normal.
+        outline: (C,) mean evidence within the column's outline, nats a pixel.
+        looks: That many pixels of it count as independent.
+        turn: (C,) how surely the displacement turns its sign there, in sigmas: positive where
+            light is bent away from the axis, negative where towards it.
+        derivatives: (8,) of the offset, by the axis point's world X and Y and by the view's pose,
+            in gtsam's tangent of world_from_cam.
+    """
+
+    height: float
+    offsets_px: FloatArray
+    outline: FloatArray
+    looks: float
+    turn: FloatArray
+    derivatives: FloatArray
+
+    @property
+    def turn_near(self) -> float:
+        """The turn summed over the places near the column's own axis."""
+        return float(self.turn[np.abs(PLACES) < NEAR_RADII].sum())
+
+    def sighted(self, away: int) -> tuple[float, float] | None:
+        """Offset of the axis and its standard deviation, px; None where nothing shows it.
+
+        How much a plume turns the displacement in a section is not known, and free. The outline's
+        evidence counts less than its looks: what it has wrong is wrong in all of them alike.
+
+        Args:
+            away: 1 where the plume bends light away from its axis, -1 where towards it.
+        """
+        if self.outline.max() < SECTION_SAW_LLR:
+            return None
+        nats = np.maximum(away * self.turn, 0) ** 2 / 2
+        nats += OUTLINE_SHARE * self.looks * self.outline
+        best = int(np.argmax(nats))
+        if best in (0, len(nats) - 1):
+            return None
+        likelihood = np.exp(nats - nats[best])
+        variance = likelihood @ (self.offsets_px - self.offsets_px[best]) ** 2 / likelihood.sum()
+        variance += (self.offsets_px[1] - self.offsets_px[0]) ** 2 / 12
+        return float(self.offsets_px[best]), float(np.sqrt(variance))
+
+
+def look_across(across: Across, i: int, column: FloatArray, heights: FloatArray) -> Profile | None:
+    """The section of these (S,) heights in view `i`; None where it is too close to the camera."""
+    views = across.core
+    trajectory = views.trajectory
+    points = spine(column[None], heights[None])[0]
+    in_cam = trajectory.world_to_cam(i, points)
+    depth = in_cam[:, 2]
+    if (depth < NEAREST_DEPTH_UNITS * views.unit).any():
+        return None
+    pixel = trajectory.camera.project(in_cam)
+    normal = _normal(trajectory, i, points, column)
+    radii_px = trajectory.camera.focal_px * (column[RADIUS] + column[OPENING] * heights) / depth
+    radii_px = np.maximum(radii_px, LEAST_RADIUS_PX)
+    sampled = pixel[:, None] + (radii_px[:, None] * REACH)[..., None] * normal
+    x, y = np.moveaxis(sampled.astype(np.float32), -1, 0)
+    background = cv2.remap(
+        views.inverse_depth[i], x, y, cv2.INTER_NEAREST, borderValue=float("nan")
+    )
+    gate = lever_gate(depth[:, None].astype(np.float32), np.asarray(background, np.float32))
+    llr = cv2.remap(views.llr[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
+    precision = cv2.remap(across.precision[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
+    displacement = cv2.remap(views.displacement[i], x, y, cv2.INTER_LINEAR, borderValue=0) @ normal
+    length_px = float(np.linalg.norm(pixel[-1] - pixel[0])) * len(heights) / (len(heights) - 1)
+    radius_px = float(radii_px.mean())
+    looks_each = length_px * radius_px * (REACH[1] - REACH[0]) / TURN_LOOK_PX2
+    outline = np.correlate(llr.mean(axis=0), OUTLINE, mode="same")
+    return Profile(
+        height=float(heights.mean()),
+        offsets_px=PLACES * radius_px,
+        outline=outline[SEARCHED],
+        looks=2 * FOOTPRINT_SHARE * radius_px * length_px / OUTLINE_LOOK_PX2,
+        turn=_turn(precision * looks_each, displacement),
+        derivatives=_derivatives(trajectory, i, points.mean(axis=0), normal),
+    )
+
+
+def _turn(precision: FloatMap, displacement: FloatMap) -> FloatArray:
+    """(C,) sigmas by which (S, P) displacements across the axis fit `TURN`, of a free size."""
+    along = TURN @ (precision * displacement).mean(axis=0)
+    information = TURN**2 @ precision.mean(axis=0)
+    return np.asarray(along / np.sqrt(np.maximum(information, 1e-9)))
+
+
+def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: FloatArray) -> FloatArray:
+    """(2,) unit normal of the projected axis: the direction that is measured."""
+    ahead = points + 1e-3 * axis_direction(column)
+    tangent = (trajectory.project(i, ahead) - trajectory.project(i, points)).mean(axis=0)
+    tangent /= max(float(np.linalg.norm(tangent)), 1e-12)
+    return np.array([-tangent[1], tangent[0]])
+
+
+def _derivatives(
+    trajectory: Trajectory, i: int, point: FloatArray, normal: FloatArray
+) -> FloatArray:
+    """(8,) of the offset along `normal`: by the point's world X and Y, and by the pose.
+
+    The tangent of world_from_cam turns and shifts in the camera's own frame, so a point in it
+    moves by `p x omega - v`.
+    """
+    x, y, z = trajectory.world_to_cam(i, point[None])[0]
+    by_cam = normal @ np.array([[1, 0, -x / z], [0, 1, -y / z]]) * trajectory.camera.focal_px / z
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    by_shift = by_cam @ trajectory.rotations[i][:, :2]
+    return np.concatenate([by_shift, by_cam @ cross, -by_cam])

@@ -1,0 +1,50 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from locate.fusion.axis import sight_axis
+from locate.fusion.views import Views
+from locate.simulation.evidence import NONE, corrupted_views, orbit, random_truth
+
+
+@pytest.fixture(scope="module")
+def column() -> np.ndarray:
+    truth = random_truth(np.random.default_rng(5))
+    return np.array([*truth.source, *truth.slope, truth.height, truth.radius, truth.opening])
+
+
+@pytest.fixture(scope="module")
+def views() -> Views:
+    truth = random_truth(np.random.default_rng(5))
+    return corrupted_views(truth, orbit(8, 60), np.random.default_rng(1), NONE)
+
+
+def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: np.ndarray) -> None:
+    warm = sight_axis(views, column)
+    dense = sight_axis(replace(views, displacement=-views.displacement), column)
+    assert set(warm.away) == {1}
+    assert set(dense.away) == {-1}
+    np.testing.assert_allclose(warm.offset_px, dense.offset_px)
+    np.testing.assert_allclose(warm.sigma_px, dense.sigma_px)
+
+
+def test_where_the_displacement_turns_counts_for_more_than_the_outline(
+    views: Views, column: np.ndarray
+) -> None:
+    beside = np.maximum(views.llr, np.roll(views.llr, 4, axis=2))
+    smeared = replace(views, llr=beside)
+    blind = replace(smeared, displacement=0 * views.displacement)
+    unknown = replace(smeared, sigma_px=np.full_like(views.sigma_px, np.inf))
+    shifts = [
+        abs(np.median(sight_axis(each, column).offset_px)) for each in (smeared, blind, unknown)
+    ]
+    assert shifts[0] < 0.5
+    assert min(shifts[1:]) > 1.5
+
+
+def test_a_view_that_knows_better_is_believed(views: Views, column: np.ndarray) -> None:
+    turned = replace(views, displacement=-views.displacement)
+    alone = sight_axis(turned, column, away=1)
+    known = sight_axis(turned, column, away=-1)
+    assert np.abs(known.offset_px).mean() < 0.5 * np.abs(alone.offset_px).mean()
