@@ -2,6 +2,7 @@
 
     python benchmarks/orbit_scenes.py --work work/orbit
     python benchmarks/orbit_scenes.py --seeds 1003 1004 --kinds leak
+    python benchmarks/orbit_scenes.py --seeds 1003 1004 --kinds pair    # two leaks 1 m apart
     python benchmarks/orbit_scenes.py --seeds 1003 --nuisances people h264 --photos PHOTOS
 
 Each scene is 60 frames of 640x480 on an arc of 60 degrees, filmed losslessly; poses come from
@@ -31,7 +32,9 @@ from locate.simulation.filming import Take
 from locate.simulation.nuisances import NUISANCES, spoiled
 from locate.simulation.photo_scenes import PICTURES
 from locate.simulation.run import record
+from locate.simulation.scene import Cylinder
 
+KINDS = ("leak", "pair", "clean")
 SEEDS = (1003, 1004, 1008, 1009, 2000, 2001, 2002, 2003, 2004, 2005)
 
 
@@ -43,6 +46,28 @@ class Outcome:
     plume_map: PlumeMap | None
     cpu_s: float
     failure: str = ""
+
+
+def with_second(scene: Scene, gap_m: float) -> Scene:
+    """A leak on a riser of its own, so far beside the first, to any side of it."""
+    rng = scene.random(25)
+    (first,) = scene.plumes
+    turn = rng.uniform(0, 2 * np.pi)
+    x, y, z = first.source
+    source = (x + gap_m * float(np.cos(turn)), y + gap_m * float(np.sin(turn)), z)
+    riser = Cylinder(
+        kind="cylinder", start=(*source[:2], 0.0), end=source, radius_m=0.08, material="steel"
+    )
+    second = first.model_copy(
+        update={
+            "source": source,
+            "radius_m": rng.uniform(0.1, 0.17),
+            "height_m": rng.uniform(3.0, 4.0),
+            "temperature_k": rng.uniform(360, 500),
+            "flow_seed": int(rng.integers(2**31)),
+        }
+    )
+    return scene.model_copy(update={"objects": (*scene.objects, riser), "plumes": (first, second)})
 
 
 def render(folder: Path, scene: Scene, nuisance: str, photos: Sequence[Path]) -> None:
@@ -90,7 +115,9 @@ def summary(leaks: list[Outcome], clean: list[Outcome]) -> str:
     nees = [p.nees / 3 for e in scored for p in e.plumes]
     false_in_clean = sum(len(o.evaluation.false_plumes) for o in clean if o.evaluation)
     lines = [
-        f"with a leak: found {len(percent)} of {len(leaks)}, "
+        f"with leaks: found {len(percent)} of "
+        f"{sum(len(e.plumes) + len(e.misses) for e in scored)} "
+        f"({len(leaks) - len(scored)} runs failed), "
         f"false {sum(len(e.false_plumes) for e in scored)}",
         f"without: {false_in_clean} false plumes in {len(clean)} scenes",
     ]
@@ -105,7 +132,8 @@ def summary(leaks: list[Outcome], clean: list[Outcome]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS)
-    parser.add_argument("--kinds", nargs="+", choices=("leak", "clean"), default=("leak", "clean"))
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=("leak", "clean"))
+    parser.add_argument("--gap", type=float, default=1.0, help="between the leaks of a pair, m")
     parser.add_argument("--amplitude", type=float, default=1.0, help="px")
     parser.add_argument("--noise", type=float, default=1.0, help="of 255")
     parser.add_argument("--nuisances", nargs="+", choices=tuple(NUISANCES), default=("",))
@@ -118,10 +146,13 @@ def main() -> None:
     amplitude_px, noise = arguments.amplitude, arguments.noise
     outcomes: dict[bool, list[Outcome]] = {True: [], False: []}
     for seed, kind, nuisance in product(arguments.seeds, arguments.kinds, arguments.nuisances):
-        plume = kind == "leak"
+        plume = kind != "clean"
         label = f"{amplitude_px:g}px_{noise:g}" if plume else "clean"
-        folder = arguments.work / "_".join(filter(None, (label, nuisance, str(seed))))
+        pair = f"pair{arguments.gap:g}m" if kind == "pair" else ""
+        folder = arguments.work / "_".join(filter(None, (label, pair, nuisance, str(seed))))
         scene = random_scene(seed, plume=plume, amplitude_px=amplitude_px, noise=noise)
+        if pair:
+            scene = with_second(scene, arguments.gap)
         render(folder, scene, nuisance, photos)
         outcomes[plume].append(run(folder, resume=arguments.resume))
         print(row(folder.name, outcomes[plume][-1]), flush=True)

@@ -83,7 +83,11 @@ def test_a_column_over_two_plumes_is_split_and_one_over_one_is_not(
     views = corrupted_views(truth, orbit(8, 60), rng, NONE)
     beside = replace(truth, source=truth.source + np.array([gap_m, 0, 0]))
     other = corrupted_views(beside, orbit(8, 60), rng, NONE)
-    both = replace(views, llr=np.maximum(views.llr, other.llr))
+    both = replace(
+        views,
+        llr=np.maximum(views.llr, other.llr),
+        displacement=views.displacement + other.displacement,
+    )
     over = as_column(truth)
     over[0] += gap_m / 2
     over[6] += gap_m / 2
@@ -119,7 +123,11 @@ def test_three_plumes_are_three() -> None:
         for k, (x, y) in enumerate([(-1.8, 0.3), (0.1, -0.6), (1.7, 0.6)])
     ]
     seen = [corrupted_views(t, orbit(10, 60), np.random.default_rng(1), NONE) for t in truths]
-    views = replace(seen[0], llr=np.maximum.reduce([each.llr for each in seen]))
+    views = replace(
+        seen[0],
+        llr=np.maximum.reduce([each.llr for each in seen]),
+        displacement=np.sum([each.displacement for each in seen], axis=0),
+    )
     null = NullLevel(strongest=np.zeros(2), location=10.0, scale=1.0)
     plumes = fuse(views, null=null).plumes
     assert len(plumes) == 3
