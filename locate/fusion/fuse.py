@@ -9,7 +9,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.column import X, Y, evidence, stands_out, without
-from locate.fusion.fit import climb, fit_columns
+from locate.fusion.fit import FINE, WHOLE, climb, fit_columns
 from locate.fusion.null import NullLevel
 from locate.fusion.pairs import split
 from locate.fusion.proposals import STARTS, propose
@@ -159,8 +159,8 @@ def _measured(
 ) -> Plume | None:
     """The plume that a column is; None where it is none.
 
-    Of two that one column held, each needs half of what a plume alone does: that something stands
-    there was shown by both.
+    Of two that one column held, each needs half of what a plume alone does, as that something
+    stands there was shown by both; and where each stands is known already, nearly.
 
     Args:
         column: The column.
@@ -171,7 +171,8 @@ def _measured(
         level: What a plume needs, nats.
         rng: Of the search.
     """
-    sighted = find_axis(alone, column, alone.unit, rng)
+    turns = WHOLE if share == 1 else FINE
+    sighted = find_axis(alone, column, alone.unit, rng, turns=turns)
     if sighted is None:
         return None
     strength = share * _nats(judged, sighted[0])
