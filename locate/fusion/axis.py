@@ -1,12 +1,12 @@
 """The axis of a column sighted in each view: where, across it, the plume lies."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import FloatArray, IntArray
+from geometry.arrays import FloatArray, FloatMap, IntArray
 from locate.fusion.column import HEIGHT, covered, score
-from locate.fusion.profile import Across, look_across
+from locate.fusion.profile import look_across
 from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
@@ -53,12 +53,16 @@ def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings
         column: (8,) the column.
         away: As of `AxisSightings`, where it is known; 0: as these views show it.
     """
-    across = Across.of(views, _core(views, column))
+    core = _core(views, column)
     middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
     sections = column[HEIGHT] * (low + (high - low) * middles)
     saw = np.flatnonzero(score(views, column[None])[:, 0] > VIEW_SAW_NATS)
-    looked = [(int(i), look_across(across, int(i), column, part)) for i in saw for part in sections]
+    looked = [
+        (int(i), look_across(views, core, int(i), column, heights))
+        for i in saw
+        for heights in sections
+    ]
     profiles = [(i, profile) for i, profile in looked if profile is not None]
     if away == 0:
         away = 1 if sum(profile.turn_near for _, profile in profiles) >= 0 else -1
@@ -78,19 +82,17 @@ def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings
     )
 
 
-def _core(views: Views, column: FloatArray) -> Views:
-    """The views with less evidence where light is bent less than in most of the column.
+def _core(views: Views, column: FloatArray) -> FloatMap:
+    """(V, H, W) the evidence, less of it where light is bent less than in most of the column.
 
     Around a strong plume the air is bent little and far to one side, which speaks for refraction as
     much as the middle does, but is not where the axis is.
     """
     inside = covered(views, column)
-    bent = np.linalg.norm(views.displacement, axis=-1)
-    size = np.sqrt(bent**2 - np.minimum(views.sigma_px, bent) ** 2)
     llr = views.llr.copy()
     for i in np.flatnonzero(inside.sum(axis=(1, 2)) >= FEWEST_COVERED):
-        most = np.percentile(size[i][inside[i]], CORE_PERCENTILE)
+        most = np.percentile(views.bent_px[i][inside[i]], CORE_PERCENTILE)
         if most > 0:
-            share = np.minimum(1, size[i] / most)
+            share = np.minimum(1, views.bent_px[i] / most)
             llr[i] = np.where(llr[i] > 0, llr[i] * share, llr[i])
-    return replace(views, llr=llr)
+    return llr

@@ -18,6 +18,7 @@ NEAREST_DEPTH_UNITS = 0.5
 EXPLAINED_RADII = 1.5
 AGREEING_VIEWS = 3
 SHARPNESS, LEAST_LOOKS = 0.75, 1e-6
+SAMPLES_AT_ONCE = 100_000
 
 
 def spine(columns: FloatArray, heights: FloatArray) -> FloatArray:
@@ -73,12 +74,24 @@ def sums(
     Returns:
         (V, N) sum of the llr, nats, and (V, N) number of looks that say anything.
     """
-    camera = views.trajectory.camera
-    focal = camera.focal_px
-    center_x, center_y = camera.matrix[:2, 2]
+    nats = np.empty((len(views), len(columns)))
+    looks = np.empty_like(nats)
+    at_once = max(1, SAMPLES_AT_ONCE // max(1, len(columns) * along * across))
+    for start in range(0, len(views), at_once):
+        rows = slice(start, start + at_once)
+        nats[rows], looks[rows] = _sums_of(views, rows, columns, along, across)
+    return nats, looks
+
+
+def _sums_of(
+    views: Views, rows: slice, columns: FloatArray, along: int, across: int
+) -> tuple[FloatArray, FloatArray]:
+    """As `sums`, of some views; axes of arrays: view, column, sample along, sample across."""
+    trajectory, focal = views.trajectory, views.trajectory.camera.focal_px
+    center_x, center_y = trajectory.camera.matrix[:2, 2]
     nearest = NEAREST_DEPTH_UNITS * views.unit
-    height, width = views.llr.shape[1:]
-    centers = views.trajectory.centers_in_world
+    seen, background = views.llr[rows], views.inverse_depth[rows]
+    count, height, width = seen.shape
     heights = columns[:, HEIGHT, None] * (np.arange(along) + 0.5) / along
     points = spine(columns, heights)
     radii = columns[:, RADIUS, None] + columns[:, OPENING, None] * heights
@@ -86,30 +99,28 @@ def sums(
     axes = np.column_stack([columns[:, [SLOPE_X, SLOPE_Y]], np.ones(len(columns))])
     lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     slab = columns[:, HEIGHT, None] * lengths / along
-    nats = np.empty((len(views), len(columns)))
-    looks = np.empty_like(nats)
-    for i in range(len(views)):
-        in_cam = views.trajectory.world_to_cam(i, points)
-        depth = np.maximum(in_cam[..., 2], nearest)
-        scale = focal / depth
-        half_width_px = FOOTPRINT_SHARE * radii * scale
-        x = (in_cam[..., 0] * scale + center_x).astype(np.float32)[..., None]
-        x = np.rint(x + half_width_px[..., None].astype(np.float32) * across_axis).astype(np.int32)
-        y = np.rint(in_cam[..., 1] * scale + center_y).astype(np.int32)[..., None]
-        inside = (x >= 0) & (x < width)
-        inside &= (y >= 0) & (y < height) & (in_cam[..., 2] > nearest)[..., None]
-        flat = np.where(inside, y * width + x, 0)
-        background = views.inverse_depth[i].ravel().take(flat)
-        gate = lever_gate(depth[..., None].astype(np.float32), background) * inside
-        llr = views.llr[i].ravel().take(flat)
-        rays = points - centers[i]
-        squared = np.einsum("nsk,nsk->ns", rays, rays)
-        facing = np.abs(np.einsum("nsk,nk->ns", rays, axes / lengths)) / np.sqrt(squared)
-        area = 2 * half_width_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
-        area += np.pi * half_width_px**2 * facing / along
-        area /= across * views.correlation_px2
-        nats[i] = (np.einsum("nsa,nsa->ns", llr, gate) * area).sum(axis=-1)
-        looks[i] = (np.einsum("nsa,nsa->ns", llr != 0, gate) * area).sum(axis=-1)
+    in_cam = points.reshape(-1, 3) @ trajectory.rotations[rows].transpose(0, 2, 1)
+    in_cam = (in_cam + trajectory.translations[rows, None]).reshape(count, *points.shape)
+    depth = np.maximum(in_cam[..., 2], nearest)
+    scale = focal / depth
+    half_width_px = FOOTPRINT_SHARE * radii * scale
+    x = (in_cam[..., 0] * scale + center_x).astype(np.float32)[..., None]
+    x = np.rint(x + half_width_px[..., None].astype(np.float32) * across_axis).astype(np.int32)
+    y = np.rint(in_cam[..., 1] * scale + center_y).astype(np.int32)[..., None]
+    inside = (x >= 0) & (x < width)
+    inside &= (y >= 0) & (y < height) & (in_cam[..., 2] > nearest)[..., None]
+    first = np.arange(count, dtype=np.int32)[:, None, None, None] * (height * width)
+    flat = np.where(inside, y * width + x, 0) + first
+    gate = lever_gate(depth[..., None].astype(np.float32), background.ravel().take(flat)) * inside
+    llr = seen.ravel().take(flat)
+    rays = points - trajectory.centers_in_world[rows, None, None]
+    squared = np.einsum("vnsk,vnsk->vns", rays, rays)
+    facing = np.abs(np.einsum("vnsk,nk->vns", rays, axes / lengths)) / np.sqrt(squared)
+    area = 2 * half_width_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
+    area += np.pi * half_width_px**2 * facing / along
+    area /= across * views.correlation_px2
+    nats = (np.einsum("vnsa,vnsa->vns", llr, gate) * area).sum(axis=-1)
+    looks = (np.einsum("vnsa,vnsa->vns", llr != 0, gate) * area).sum(axis=-1)
     return nats, looks
 
 

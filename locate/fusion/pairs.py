@@ -30,7 +30,6 @@ from locate.fusion.column import (
     without,
 )
 from locate.fusion.fit import Worth, climb, distinct, gap
-from locate.fusion.profile import Across
 from locate.fusion.views import Views
 
 HALF_GAPS_UNITS = (0.3, 0.45, 0.6)
@@ -78,13 +77,12 @@ def _turns(views: Views, column: FloatArray, unit: float) -> Views:
     narrow plume's radius is there.
     """
     middle = spine(column[None], column[None, HEIGHT, None] / 2)[0]
-    precision = Across.of(views, views).precision
     sigmas = np.zeros_like(views.llr)
     for i, displacement in enumerate(views.displacement):
         depth = float(views.trajectory.world_to_cam(i, middle)[0, 2])
         depth = max(depth, NEAREST_DEPTH_UNITS * unit)
         radius_px = max(1.0, views.trajectory.camera.focal_px * RADIUS_UNITS * unit / depth)
-        sigmas[i] = _turning(displacement, precision[i], radius_px)
+        sigmas[i] = _turning(displacement, views.precision[i], radius_px)
     away = np.sign((sigmas[covered(views, column)] ** 3).sum())
     said = np.clip(away * sigmas, -MOST_SIGMAS, MOST_SIGMAS)
     said = np.where(views.llr > 0, said, np.minimum(said, 0))

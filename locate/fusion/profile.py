@@ -6,7 +6,6 @@ light is bent away from warm air on both sides, and towards a denser gas.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -37,29 +36,10 @@ TURN_RADII = 0.3
 FROM_PLACE = (REACH - PLACES[:, None]) / TURN_RADII
 TURN = FROM_PLACE * np.exp(-(FROM_PLACE**2) / 2)
 NEAR_RADII = 0.5
-TURBULENCE_PX = 0.1
 OUTLINE_LOOK_PX2, TURN_LOOK_PX2 = 10.0, 36.0
 OUTLINE_SHARE = 0.3
 SECTION_SAW_LLR = 0.4
 LEAST_RADIUS_PX = 2.0
-
-
-class Across(NamedTuple):
-    """What is sampled across the axis.
-
-    Attributes:
-        core: The views, with the evidence that says where the middle of the plume is.
-        precision: (V, H, W) of a component of the displacement, 1 / px^2; 0 where unknown.
-    """
-
-    core: Views
-    precision: FloatMap
-
-    @classmethod
-    def of(cls, views: Views, core: Views) -> Self:
-        """Of views that say something where their llr is not 0."""
-        precision = 1 / (views.sigma_px**2 + TURBULENCE_PX**2)
-        return cls(core, np.where(views.llr != 0, precision, 0).astype(np.float32))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +91,18 @@ class Profile:
         return float(self.offsets_px[best]), float(np.sqrt(variance))
 
 
-def look_across(across: Across, i: int, column: FloatArray, heights: FloatArray) -> Profile | None:
-    """The section of these (S,) heights in view `i`; None where it is too close to the camera."""
-    views = across.core
+def look_across(
+    views: Views, core: FloatMap, i: int, column: FloatArray, heights: FloatArray
+) -> Profile | None:
+    """A section of a column; None where it is too close to the camera.
+
+    Args:
+        views: The evidence.
+        core: (V, H, W) the evidence that says where the middle of a plume is.
+        i: Row of the view.
+        column: (8,) the column.
+        heights: (S,) of the section, above the column's lowest point.
+    """
     trajectory = views.trajectory
     points = spine(column[None], heights[None])[0]
     in_cam = trajectory.world_to_cam(i, points)
@@ -130,8 +119,8 @@ def look_across(across: Across, i: int, column: FloatArray, heights: FloatArray)
         views.inverse_depth[i], x, y, cv2.INTER_NEAREST, borderValue=float("nan")
     )
     gate = lever_gate(depth[:, None].astype(np.float32), np.asarray(background, np.float32))
-    llr = cv2.remap(views.llr[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
-    precision = cv2.remap(across.precision[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
+    llr = cv2.remap(core[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
+    precision = cv2.remap(views.precision[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
     displacement = cv2.remap(views.displacement[i], x, y, cv2.INTER_LINEAR, borderValue=0) @ normal
     length_px = float(np.linalg.norm(pixel[-1] - pixel[0])) * len(heights) / (len(heights) - 1)
     radius_px = float(radii_px.mean())

@@ -18,6 +18,7 @@ VOXELS_ALONG_LONGEST_EDGE = 96
 RANGE_TO_UNIT = 0.1
 FARTHEST_RANGES = 10
 OUTLIERS_PERCENT = 2
+TURBULENCE_PX = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +91,21 @@ class Views:
         """A tenth of the median range to the background, world units: the yardstick of fusion."""
         finite = self.inverse_depth[self.inverse_depth > 0]
         return float(RANGE_TO_UNIT / np.median(finite)) if finite.size else np.nan
+
+    @cached_property
+    def bent_px(self) -> FloatMap:
+        """(V, H, W) length of the displacement, less what its noise adds, px."""
+        length = np.linalg.norm(self.displacement, axis=-1)
+        return np.asarray(np.sqrt(length**2 - np.minimum(self.sigma_px, length) ** 2))
+
+    @cached_property
+    def precision(self) -> FloatMap:
+        """(V, H, W) of a component of the displacement against turbulence and noise, 1 / px^2.
+
+        0 where the evidence says nothing.
+        """
+        precision = 1 / (self.sigma_px**2 + TURBULENCE_PX**2)
+        return np.where(self.llr != 0, precision, 0).astype(np.float32)
 
     @cached_property
     def floor(self) -> float:
