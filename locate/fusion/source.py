@@ -132,14 +132,18 @@ def measured(
 
 
 def _displacement(views: Views, column: FloatArray, rows: IntArray) -> float:
-    """Mean displacement along the axis in the views of these rows, px of the original frames."""
+    """Mean displacement along the axis in the views of these rows, px of the original frames.
+
+    0 where no row shows it.
+    """
     heights = np.linspace(0, column[HEIGHT], RADIUS_SAMPLES)
     points = spine(column[None], heights[None])[0]
     height, width = views.llr.shape[1:]
-    values = []
+    values = [np.empty((0, 2))]
     for i in rows:
         pixel = views.trajectory.project(int(i), points)
         pixel = np.rint(pixel[np.isfinite(pixel).all(axis=1)]).astype(int)
         inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
         values.append(views.displacement[i][pixel[inside, 1], pixel[inside, 0]])
-    return float(np.linalg.norm(np.concatenate(values), axis=1).mean())
+    sizes = np.linalg.norm(np.concatenate(values), axis=1)
+    return float(sizes.mean()) if len(sizes) else 0.0
