@@ -3,12 +3,12 @@
 Columns are rows of (N, 8) arrays, so that thousands are scored at once; the world's Z is up.
 """
 
-from dataclasses import replace
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
 
-from geometry.arrays import BoolArray, FloatArray
+from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.grid import lever_gate
 from locate.fusion.views import Views
 
@@ -74,31 +74,55 @@ def sums(
     Returns:
         (V, N) sum of the llr, nats, and (V, N) number of looks that say anything.
     """
+    outlines = _Outlines.of(columns, along)
+    across_axis = np.linspace(-1, 1, across, dtype=np.float32)
     nats = np.empty((len(views), len(columns)))
     looks = np.empty_like(nats)
     at_once = max(1, SAMPLES_AT_ONCE // max(1, len(columns) * along * across))
     for start in range(0, len(views), at_once):
         rows = slice(start, start + at_once)
-        nats[rows], looks[rows] = _sums_of(views, rows, columns, along, across)
+        nats[rows], looks[rows] = _sums_of(views, rows, outlines, across_axis)
     return nats, looks
 
 
+class _Outlines(NamedTuple):
+    """N columns at S heights.
+
+    Attributes:
+        points: (N, S, 3) of the axes.
+        radii: (N, S) there.
+        directions: (N, 3) unit vectors of the axes.
+        slab: (N, 1) length of axis that a height stands for.
+    """
+
+    points: FloatArray
+    radii: FloatArray
+    directions: FloatArray
+    slab: FloatArray
+
+    @classmethod
+    def of(cls, columns: FloatArray, along: int) -> Self:
+        heights = columns[:, HEIGHT, None] * (np.arange(along) + 0.5) / along
+        axes = np.column_stack([columns[:, [SLOPE_X, SLOPE_Y]], np.ones(len(columns))])
+        lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+        return cls(
+            points=spine(columns, heights),
+            radii=columns[:, RADIUS, None] + columns[:, OPENING, None] * heights,
+            directions=axes / lengths,
+            slab=columns[:, HEIGHT, None] * lengths / along,
+        )
+
+
 def _sums_of(
-    views: Views, rows: slice, columns: FloatArray, along: int, across: int
+    views: Views, rows: slice, outlines: _Outlines, across_axis: FloatMap
 ) -> tuple[FloatArray, FloatArray]:
     """As `sums`, of some views; axes of arrays: view, column, sample along, sample across."""
+    points, radii, directions, slab = outlines
     trajectory, focal = views.trajectory, views.trajectory.camera.focal_px
     center_x, center_y = trajectory.camera.matrix[:2, 2]
     nearest = NEAREST_DEPTH_UNITS * views.unit
     seen, background = views.llr[rows], views.inverse_depth[rows]
     count, height, width = seen.shape
-    heights = columns[:, HEIGHT, None] * (np.arange(along) + 0.5) / along
-    points = spine(columns, heights)
-    radii = columns[:, RADIUS, None] + columns[:, OPENING, None] * heights
-    across_axis = np.linspace(-1, 1, across, dtype=np.float32)
-    axes = np.column_stack([columns[:, [SLOPE_X, SLOPE_Y]], np.ones(len(columns))])
-    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
-    slab = columns[:, HEIGHT, None] * lengths / along
     in_cam = points.reshape(-1, 3) @ trajectory.rotations[rows].transpose(0, 2, 1)
     in_cam = (in_cam + trajectory.translations[rows, None]).reshape(count, *points.shape)
     depth = np.maximum(in_cam[..., 2], nearest)
@@ -115,10 +139,10 @@ def _sums_of(
     llr = seen.ravel().take(flat)
     rays = points - trajectory.centers_in_world[rows, None, None]
     squared = np.einsum("vnsk,vnsk->vns", rays, rays)
-    facing = np.abs(np.einsum("vnsk,nk->vns", rays, axes / lengths)) / np.sqrt(squared)
+    facing = np.abs(np.einsum("vnsk,nk->vns", rays, directions)) / np.sqrt(squared)
     area = 2 * half_width_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
-    area += np.pi * half_width_px**2 * facing / along
-    area /= across * views.correlation_px2
+    area += np.pi * half_width_px**2 * facing / points.shape[1]
+    area /= len(across_axis) * views.correlation_px2
     nats = (np.einsum("vnsa,vnsa->vns", llr, gate) * area).sum(axis=-1)
     looks = (np.einsum("vnsa,vnsa->vns", llr != 0, gate) * area).sum(axis=-1)
     return nats, looks
@@ -176,4 +200,4 @@ def without(views: Views, column: FloatArray, *, radii: float = EXPLAINED_RADII)
         sideways = np.stack([half, np.zeros_like(half)], axis=1)
         outline = np.concatenate([pixels[ahead] - sideways, (pixels[ahead] + sideways)[::-1]])
         cv2.fillPoly(llr[i], [np.rint(outline).astype(np.int32)], 0.0)
-    return replace(views, llr=llr)
+    return views.saying(llr)

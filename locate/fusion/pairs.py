@@ -6,7 +6,6 @@ sign at each axis, and the other way between them. Of a single plume there is on
 nothing left to turn at a second.
 """
 
-from dataclasses import replace
 from functools import partial
 from heapq import nlargest
 from itertools import product
@@ -50,27 +49,28 @@ def split(
     None where it holds one: at two axes that stand apart at all heights the displacement must turn
     `LEAST_GAIN` more than at any single one. Where it turns nowhere, nothing tells two from one.
     """
-    (wide,), _ = climb(partial(evidence, views), column[None], unit, rng)
-    turns = _turns(views, wide, unit)
-    shown = partial(_shown, turns, unit)
+    wide = _climbed(partial(evidence, views), column, unit, rng)
+    turns = _turns(views, wide)
+    shown = partial(_shown, turns)
     single = _climbed(shown, wide, unit, rng)
-    starts = nlargest(STARTS, _apart(wide, unit), key=lambda pair: _explained(turns, unit, *pair))
-    pairs = [_fitted(turns, unit, *pair, rng) for pair in starts]
+    starts = nlargest(STARTS, _apart(wide, unit), key=lambda pair: _explained(turns, *pair))
+    pairs = [_fitted(turns, *pair, rng) for pair in starts]
     apart = [pair for pair in pairs if len(distinct(np.stack(pair), unit)) == 2]
-    best = max(apart, key=lambda pair: _explained(turns, unit, *pair), default=None)
-    if best is None:
+    if not apart:
         return []
+    explained = [_explained(turns, *pair) for pair in apart]
+    best = apart[int(np.argmax(explained))]
     alone = float(shown(np.stack([single, *best])).max())
-    if alone == 0 or _explained(turns, unit, *best) < (1 + LEAST_GAIN) * alone:
+    if alone == 0 or max(explained) < (1 + LEAST_GAIN) * alone:
         return []
-    first, second = (_with_radius(part[None], gap(*best) / 2)[0] for part in best)
+    first, second = _with_radius(np.stack(best), gap(*best) / 2)
     return [
         (first, without(views, second, radii=1.0)),
         (second, without(views, first, radii=1.0)),
     ]
 
 
-def _turns(views: Views, column: FloatArray, unit: float) -> Views:
+def _turns(views: Views, column: FloatArray) -> Views:
     """The views with, for evidence, how surely the displacement turns its sign, in sigmas.
 
     Positive where it does as at the plume's axis. Each pixel's neighbourhood is as large as a
@@ -80,13 +80,13 @@ def _turns(views: Views, column: FloatArray, unit: float) -> Views:
     sigmas = np.zeros_like(views.llr)
     for i, displacement in enumerate(views.displacement):
         depth = float(views.trajectory.world_to_cam(i, middle)[0, 2])
-        depth = max(depth, NEAREST_DEPTH_UNITS * unit)
-        radius_px = max(1.0, views.trajectory.camera.focal_px * RADIUS_UNITS * unit / depth)
+        depth = max(depth, NEAREST_DEPTH_UNITS * views.unit)
+        radius_px = max(1.0, views.trajectory.camera.focal_px * RADIUS_UNITS * views.unit / depth)
         sigmas[i] = _turning(displacement, views.precision[i], radius_px)
     away = np.sign((sigmas[covered(views, column)] ** 3).sum())
     said = np.clip(away * sigmas, -MOST_SIGMAS, MOST_SIGMAS)
     said = np.where(views.llr > 0, said, np.minimum(said, 0))
-    return replace(views, llr=said.astype(np.float32))
+    return views.saying(said.astype(np.float32))
 
 
 def _turning(displacement: FloatMap, precision: FloatMap, radius_px: float) -> FloatMap:
@@ -116,12 +116,12 @@ def _apart(column: FloatArray, unit: float) -> list[tuple[FloatArray, FloatArray
 
 
 def _fitted(
-    turns: Views, unit: float, first: FloatArray, second: FloatArray, rng: np.random.Generator
+    turns: Views, first: FloatArray, second: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Two axes fitted in turns, each to what the other leaves."""
     for _ in range(FITTED_IN_TURNS):
-        first = _climbed(partial(_shown, _left(turns, unit, second), unit), first, unit, rng)
-        second = _climbed(partial(_shown, _left(turns, unit, first), unit), second, unit, rng)
+        first = _climbed(partial(_shown, _left(turns, second)), first, turns.unit, rng)
+        second = _climbed(partial(_shown, _left(turns, first)), second, turns.unit, rng)
     return first, second
 
 
@@ -131,26 +131,26 @@ def _climbed(worth: Worth, column: FloatArray, unit: float, rng: np.random.Gener
 
 
 def _with_radius(columns: FloatArray, radius: float) -> FloatArray:
-    """The columns with this radius at every height."""
+    """(..., 8) columns with this radius at every height."""
     even = columns.copy()
-    even[:, RADIUS], even[:, OPENING] = radius, 0.0
+    even[..., RADIUS], even[..., OPENING] = radius, 0.0
     return even
 
 
-def _shown(turns: Views, unit: float, columns: FloatArray) -> FloatArray:
+def _shown(turns: Views, columns: FloatArray) -> FloatArray:
     """(N,) how much turns at the axes of columns, whatever their width.
 
     A view that sees one of two does not speak against the other.
     """
-    narrow = _with_radius(columns, RADIUS_UNITS * unit)
+    narrow = _with_radius(columns, RADIUS_UNITS * turns.unit)
     return agreed(np.maximum(score(turns, narrow), 0))
 
 
-def _left(turns: Views, unit: float, other: FloatArray) -> Views:
-    return without(turns, _with_radius(other[None], RADIUS_UNITS * unit)[0], radii=1.0)
+def _left(turns: Views, other: FloatArray) -> Views:
+    return without(turns, _with_radius(other, RADIUS_UNITS * turns.unit), radii=1.0)
 
 
-def _explained(turns: Views, unit: float, first: FloatArray, second: FloatArray) -> float:
+def _explained(turns: Views, first: FloatArray, second: FloatArray) -> float:
     """What turns at two axes; where both cover the same it counts once."""
-    rest = _shown(_left(turns, unit, first), unit, second[None])
-    return float(_shown(turns, unit, first[None])[0] + rest[0])
+    rest = _shown(_left(turns, first), second[None])
+    return float(_shown(turns, first[None])[0] + rest[0])

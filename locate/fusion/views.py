@@ -19,6 +19,7 @@ RANGE_TO_UNIT = 0.1
 FARTHEST_RANGES = 10
 OUTLIERS_PERCENT = 2
 TURBULENCE_PX = 0.1
+FREE_OF_EVIDENCE = {"unit", "bent_px", "floor"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +86,13 @@ class Views:
             return np.stack([np.roll(m, s, axis=1) for m, s in zip(maps, shifts_px, strict=True)])
 
         return replace(self, llr=roll(self.llr), inverse_depth=roll(self.inverse_depth))
+
+    def saying(self, llr: FloatMap) -> Self:
+        """The same views with other evidence, (V, H, W); what does not hang on it is kept."""
+        other = replace(self, llr=llr)
+        kept = vars(self).keys() & FREE_OF_EVIDENCE
+        vars(other).update({name: vars(self)[name] for name in kept})
+        return other
 
     @cached_property
     def unit(self) -> float:

@@ -48,3 +48,11 @@ def test_a_view_that_knows_better_is_believed(views: Views, column: np.ndarray) 
     alone = sight_axis(turned, column, away=1)
     known = sight_axis(turned, column, away=-1)
     assert np.abs(known.offset_px).mean() < 0.5 * np.abs(alone.offset_px).mean()
+
+
+def test_views_that_say_otherwise_know_their_precision_anew(views: Views) -> None:
+    unit, known = views.unit, views.precision
+    silent = views.saying(0 * views.llr)
+    assert silent.unit == unit
+    assert known.any()
+    assert not silent.precision.any()
