@@ -109,7 +109,7 @@ def _take(
         stronger = reduce(without, standing[:k], views)
         alone = reduce(without, standing[k + 1 :], stronger)
         pair = split(alone, column, unit, rng)
-        halves = [_measured(part, rest, rest, 2, null, level, rng) for part, rest in pair]
+        halves = [_measured(part, rest, alone, 2, null, level, rng) for part, rest in pair]
         found = [half for half in halves if half is not None]
         if len(found) < 2:
             whole = _measured(column, alone, stronger, 1, null, level, rng)
@@ -159,8 +159,8 @@ def _measured(
 ) -> Plume | None:
     """The plume that a column is; None where it is none.
 
-    Of two that one column held, each needs half of what a plume alone does, as that something
-    stands there was shown by both; and where each stands is known already, nearly.
+    Of two that one column held, each needs half of what a plume alone does where both stand, as
+    that something stands there was shown by both; and where each stands is known already, nearly.
 
     Args:
         column: The column.

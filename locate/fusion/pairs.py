@@ -2,8 +2,8 @@
 
 Silence between two plumes speaks less against a plume than their evidence speaks for one, so a wide
 column over both explains more than either alone. The displacement tells them apart: it turns its
-sign at each axis, and the other way between them. Of a single plume there is one such axis, and
-nothing left to turn at a second.
+sign at each axis, and the other way between them. A single plume has one such axis, and where a
+second seems to be, nothing turns the other way between them.
 """
 
 from functools import partial
@@ -19,9 +19,13 @@ from locate.fusion.column import (
     NEAREST_DEPTH_UNITS,
     OPENING,
     RADIUS,
+    SLOPE_X,
+    SLOPE_Y,
     X,
     Y,
+    Z,
     agreed,
+    axis_direction,
     covered,
     evidence,
     score,
@@ -36,8 +40,9 @@ DIRECTIONS_RAD = np.arange(4) * np.pi / 4
 RADIUS_UNITS = 0.12
 MOST_SIGMAS = 4.0
 FITTED_IN_TURNS = 2
-LEAST_GAIN = 0.7
-STARTS = 3
+SEEN_APART_RADII = 3.0
+LEAST_TOLD = 4.0
+STARTS = 6
 LEAST_WEIGHT = 1e-3
 
 
@@ -46,23 +51,17 @@ def split(
 ) -> list[tuple[FloatArray, Views]]:
     """The two plumes that a column holds, each with the views in which the other does not stand.
 
-    None where it holds one: at two axes that stand apart at all heights the displacement must turn
-    `LEAST_GAIN` more than at any single one. Where it turns nowhere, nothing tells two from one.
+    None where it holds one, or none can tell: see `_told_apart`.
     """
     wide = _climbed(partial(evidence, views), column, unit, rng)
     turns = _turns(views, wide)
-    shown = partial(_shown, turns)
-    single = _climbed(shown, wide, unit, rng)
     starts = nlargest(STARTS, _apart(wide, unit), key=lambda pair: _explained(turns, *pair))
     pairs = [_fitted(turns, *pair, rng) for pair in starts]
     apart = [pair for pair in pairs if len(distinct(np.stack(pair), unit)) == 2]
-    if not apart:
+    told = [_told_apart(turns, *pair) for pair in apart]
+    if max(told, default=0.0) < LEAST_TOLD:
         return []
-    explained = [_explained(turns, *pair) for pair in apart]
-    best = apart[int(np.argmax(explained))]
-    alone = float(shown(np.stack([single, *best])).max())
-    if alone == 0 or max(explained) < (1 + LEAST_GAIN) * alone:
-        return []
+    best = apart[int(np.argmax(told))]
     first, second = _with_radius(np.stack(best), gap(*best) / 2)
     return [
         (first, without(views, second, radii=1.0)),
@@ -103,6 +102,33 @@ def _turning(displacement: FloatMap, precision: FloatMap, radius_px: float) -> F
     weight = summed(precision, (away * near) ** 2, near**2)
     weight += summed(precision, near**2, (away * near) ** 2)
     return np.asarray(turn / np.sqrt(np.maximum(weight, LEAST_WEIGHT)))
+
+
+def _told_apart(turns: Views, first: FloatArray, second: FloatArray) -> float:
+    """How surely the displacement turns at both axes, and the other way between them.
+
+    Summed over the views from where they stand apart by `SEEN_APART_RADII` of a narrow plume; each
+    says what the weakest of the three does.
+    """
+    second = second.copy()
+    second[[X, Y]] += second[[SLOPE_X, SLOPE_Y]] * (first[Z] - second[Z])
+    second[Z] = first[Z]
+    columns = np.stack([first, second, (first + second) / 2])
+    turned = score(turns, _with_radius(columns, RADIUS_UNITS * turns.unit)) * [1, 1, -1]
+    apart = _seen_apart(turns, first, second) > SEEN_APART_RADII * RADIUS_UNITS * turns.unit
+    return float(agreed((turned.min(axis=1) * apart)[:, None])[0])
+
+
+def _seen_apart(views: Views, first: FloatArray, second: FloatArray) -> FloatArray:
+    """(V,) world units between two axes at half their height, as seen across the first.
+
+    Both count their height from the same level.
+    """
+    middles = spine(np.stack([first, second]), np.full((2, 1), first[HEIGHT] / 2))[:, 0]
+    rays = middles[0] - views.trajectory.centers_in_world
+    across = np.cross(axis_direction(first), rays)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    return np.asarray(np.abs(across @ (middles[1] - middles[0])))
 
 
 def _apart(column: FloatArray, unit: float) -> list[tuple[FloatArray, FloatArray]]:
