@@ -28,6 +28,7 @@ class _PlumeFile(BaseModel):
     views: tuple[int, ...]
     displacement_px: FiniteFloat
     source_hidden: bool = False
+    refractive_index: Literal["lower", "higher"] | None = None
 
 
 class _BearingFile(BaseModel):

@@ -12,6 +12,8 @@ from geometry.errors import BadInputError
 from locate.map_schema import SCHEMA, checked_fields
 from locate.plain import plain
 
+RefractiveIndex = Literal["lower", "higher"]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Plume:
@@ -34,6 +36,9 @@ class Plume:
         views: Indices of the frames that saw it.
         displacement_px: Mean displacement it causes in those frames.
         source_hidden: Something stands before the source in the frames that would show it.
+        refractive_index: Of what it is made of, against the air around it: ``"lower"`` where it
+            bends light away from its axis (hot air, hydrogen, helium), ``"higher"`` where towards
+            it (cold air, methane, propane, carbon dioxide); None where the views do not agree.
     """
 
     id: int
@@ -49,6 +54,7 @@ class Plume:
     views: tuple[int, ...]
     displacement_px: float
     source_hidden: bool = False
+    refractive_index: RefractiveIndex | None = None
 
     _SHAPES: ClassVar = {"source": (3,), "source_covariance": (3, 3), "axis": (3,)}
 

@@ -75,6 +75,7 @@ class LocatedPlume:
             "displacement_px": plume.displacement_px,
             "views": len(plume.views),
             "source_hidden": plume.source_hidden,
+            "refractive_index": plume.refractive_index or "unknown",
         }
 
 

@@ -10,6 +10,8 @@ from locate.plume import Bearing, Plume, PlumeMap
 
 Row = tuple[str, str, str]
 
+AGAINST_AIR = {"lower": "below the air's", "higher": "above the air's", None: "not told"}
+
 
 def map_table(plume_map: PlumeMap) -> Table:
     """Description, value and unit of everything a map says."""
@@ -56,6 +58,7 @@ def plume_rows(plume: Plume, unit: str) -> Iterator[Row]:
     yield "probability", probability(plume.probability), ""
     yield "mean displacement", f"{plume.displacement_px:.2f}", "px"
     yield "views that saw it", f"{len(plume.views)}", "frames"
+    yield "refractive index", AGAINST_AIR[plume.refractive_index], ""
     if plume.source_hidden:
         yield "source", "hidden", ""
 

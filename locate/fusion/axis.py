@@ -6,11 +6,12 @@ import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from locate.fusion.column import HEIGHT, covered, score
-from locate.fusion.profile import look_across
+from locate.fusion.profile import Profile, look_across
 from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
 VIEW_SAW_NATS = 0.5
+AGREEING_SHARE, FEWEST_AGREEING = 0.9, 4
 CORE_PERCENTILE, FEWEST_COVERED = 80, 20
 
 
@@ -53,17 +54,7 @@ def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings
         column: (8,) the column.
         away: As of `AxisSightings`, where it is known; 0: as these views show it.
     """
-    core = _core(views, column)
-    middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
-    low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
-    sections = column[HEIGHT] * (low + (high - low) * middles)
-    saw = np.flatnonzero(score(views, column[None])[:, 0] > VIEW_SAW_NATS)
-    looked = [
-        (int(i), look_across(views, core, int(i), column, heights))
-        for i in saw
-        for heights in sections
-    ]
-    profiles = [(i, profile) for i, profile in looked if profile is not None]
+    profiles = _profiles(views, column)
     if away == 0:
         away = 1 if sum(profile.turn_near for _, profile in profiles) >= 0 else -1
     found = [(i, p, sighted) for i, p in profiles if (sighted := p.sighted(away)) is not None]
@@ -80,6 +71,37 @@ def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings
         by_pose=derivatives[:, 2:],
         away=np.full(len(found), away),
     )
+
+
+def bends_away(views: Views, column: FloatArray) -> int:
+    """1 where the column bends light away from its axis, -1 where towards it.
+
+    0 where too few views show it, or fewer than nine in ten say the same.
+    """
+    by_view: dict[int, float] = {}
+    for i, profile in _profiles(views, column):
+        by_view[i] = by_view.get(i, 0.0) + profile.turn_near
+    turns = np.array(list(by_view.values()))
+    for away in (1, -1):
+        alike = np.count_nonzero(away * turns > 0)
+        if alike >= max(FEWEST_AGREEING, AGREEING_SHARE * len(turns)):
+            return away
+    return 0
+
+
+def _profiles(views: Views, column: FloatArray) -> list[tuple[int, Profile]]:
+    """Every section of the column in each view that saw it, with the row of the view."""
+    core = _core(views, column)
+    middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
+    low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
+    sections = column[HEIGHT] * (low + (high - low) * middles)
+    saw = np.flatnonzero(score(views, column[None])[:, 0] > VIEW_SAW_NATS)
+    looked = [
+        (int(i), look_across(views, core, int(i), column, heights))
+        for i in saw
+        for heights in sections
+    ]
+    return [(i, profile) for i, profile in looked if profile is not None]
 
 
 def _core(views: Views, column: FloatArray) -> FloatMap:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
-from locate.fusion.axis import VIEW_SAW_NATS, sight_axis
+from locate.fusion.axis import VIEW_SAW_NATS, bends_away, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import (
     HEIGHT,
@@ -24,11 +24,12 @@ from locate.fusion.fit import WHOLE, climb, steps
 from locate.fusion.graph import AxisEstimate, averaged, estimate_axis
 from locate.fusion.sway import Explanation
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.plume import Plume, RefractiveIndex
 
 SEARCHES = 4
 REFINEMENTS = 3
 RADIUS_SAMPLES = 9
+REFRACTIVE_INDEX: dict[int, RefractiveIndex | None] = {1: "lower", -1: "higher", 0: None}
 
 
 def find_axis(
@@ -128,6 +129,7 @@ def measured(
         views=tuple(int(index) for index in views.trajectory.indices[saw]),
         displacement_px=_displacement(views, column, np.flatnonzero(saw)),
         source_hidden=base.hidden,
+        refractive_index=REFRACTIVE_INDEX[bends_away(views, column)],
     )
 
 

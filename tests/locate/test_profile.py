@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from locate.fusion.axis import sight_axis
+from locate.fusion.axis import bends_away, sight_axis
 from locate.fusion.views import Views
 from locate.simulation.evidence import NONE, corrupted_views, orbit, random_truth
 
@@ -27,6 +27,20 @@ def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: np.ndar
     assert set(dense.away) == {-1}
     np.testing.assert_allclose(warm.offset_px, dense.offset_px)
     np.testing.assert_allclose(warm.sigma_px, dense.sigma_px)
+
+
+def test_which_way_light_is_bent_is_told_where_views_agree(
+    views: Views, column: np.ndarray
+) -> None:
+    dense = -views.displacement
+    assert bends_away(views, column) == 1
+    assert bends_away(replace(views, displacement=dense), column) == -1
+    every_other = np.where(np.arange(len(views))[:, None, None, None] % 2, 1, -1)
+    assert bends_away(replace(views, displacement=every_other * dense), column) == 0
+    assert (
+        bends_away(views.saying(views.llr * (np.arange(len(views)) < 3)[:, None, None]), column)
+        == 0
+    )
 
 
 def test_where_the_displacement_turns_counts_for_more_than_the_outline(

@@ -8,6 +8,8 @@ from geometry.trajectory import Trajectory
 from locate.export.table import probability
 from locate.plume import PlumeMap
 
+LIKE = {"lower": "hot air, hydrogen and helium", "higher": "cold air, methane and propane"}
+
 
 def headline(plume_map: PlumeMap) -> str:
     """The answer in three words."""
@@ -67,6 +69,11 @@ def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
     for plume in plume_map.plumes:
         if plume.source_hidden:
             yield f"The source of plume {plume.id} is hidden from the camera."
+        if plume.refractive_index is not None:
+            yield (
+                f"Plume {plume.id} bends light as {LIKE[plume.refractive_index]} do: "
+                "that does not say which gas it is."
+            )
         if plume.extent_low > 0:
             yield (
                 f"Plume {plume.id} was seen from {plume.extent_low:.2f} {plume_map.unit_name} "
