@@ -138,6 +138,24 @@ def test_the_blowtorch_plume_agrees_with_the_authors_piv(method: str, blowtorch:
         assert 0.9 < slope < 1.2
 
 
+@pytest.mark.parametrize(
+    ("pair", "sign"),
+    [("blowtorch_plume/sop_enc_test_{:03}.tif", 1), ("supersonic_jet/A{:03}.tif", -1)],
+    ids=["hot plume", "cold dense jet"],
+)
+def test_light_is_bent_away_from_hot_gas_and_towards_cold(
+    pair: str, sign: int, shared_data: Path
+) -> None:
+    paths = [str(shared_data / "1_bos_pairs" / pair.format(k)) for k in (0, 1)]
+    reference, image = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in paths)
+    flow, _ = unbiased_flow(flow_method("dis"), reference, image, texture_of(reference))
+    u = cv2.GaussianBlur(flow[..., 0], (0, 0), 4)
+    x = np.arange(u.shape[1])
+    from_middle = x - (np.abs(u) @ x / np.abs(u).sum(axis=1))[:, None]
+    bent = np.abs(u) > 0.3
+    assert sign * np.corrcoef(u[bent], from_middle[bent])[0, 1] > 0.6
+
+
 def test_reading_the_authors_files_unpickles_nothing(
     shared_data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
