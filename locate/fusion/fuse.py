@@ -1,6 +1,6 @@
 """The whole of fusion: evidence of many views in, plumes out."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 
@@ -9,7 +9,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.column import X, Y, evidence, stands_out, without
-from locate.fusion.fit import FINE, WHOLE, climb, fit_columns
+from locate.fusion.fit import FINE, climb, distinct, fit_columns
 from locate.fusion.null import NullLevel
 from locate.fusion.pairs import split
 from locate.fusion.proposals import STARTS, propose
@@ -102,19 +102,24 @@ def _take(
     level: float,
     rng: np.random.Generator,
 ) -> tuple[list[Plume], Views]:
-    """The plumes among the columns, and the views without what those explain."""
+    """The plumes among the columns, and the views without what those explain.
+
+    Two columns may hold the same plume, one of them beside another: it is taken once.
+    """
     standing = _standing(views, columns, unit, level, rng)
     plumes: list[Plume] = []
+    axes = np.empty((0, 8))
     for k, column in enumerate(standing):
         stronger = reduce(without, standing[:k], views)
         alone = reduce(without, standing[k + 1 :], stronger)
         pair = split(alone, column, unit, rng)
-        halves = [_measured(part, rest, alone, 2, null, level, rng) for part, rest in pair]
-        found = [half for half in halves if half is not None]
-        if len(found) < 2:
-            whole = _measured(column, alone, stronger, 1, null, level, rng)
-            found = [] if whole is None else [whole]
-        plumes += found
+        found = _two(pair, alone, null, level, rng) or _whole(
+            column, alone, stronger, null, level, rng
+        )
+        for axis, plume in found:
+            known = len(axes)
+            axes = distinct(np.vstack([axes, axis]), unit)
+            plumes += [plume] if len(axes) > known else []
     return plumes, reduce(without, standing, views)
 
 
@@ -148,37 +153,59 @@ def _nats(views: Views, column: FloatArray) -> float:
     return float(evidence(views, column[None])[0])
 
 
-def _measured(
-    column: FloatArray,
-    alone: Views,
-    judged: Views,
-    share: int,
+def _two(
+    pair: Sequence[tuple[FloatArray, Views]],
+    both: Views,
     null: NullLevel,
     level: float,
     rng: np.random.Generator,
-) -> Plume | None:
-    """The plume that a column is; None where it is none.
+) -> list[tuple[FloatArray, Plume]]:
+    """The two plumes that one column held, and their columns; none where one of them is none.
 
-    Of two that one column held, each needs half of what a plume alone does where both stand, as
-    that something stands there was shown by both; and where each stands is known already, nearly.
+    Each needs half of what a plume alone does, as that something stands there was shown by both;
+    and where each stands is known already, nearly.
+
+    Args:
+        pair: As of `split`.
+        both: The views in which both stand.
+        null: What chance makes.
+        level: What a plume alone needs, nats.
+        rng: Of the search.
+    """
+    found = []
+    for column, rest in pair:
+        strength = 2 * _nats(both, column)
+        sighted = find_axis(rest, column, rest.unit, rng, turns=FINE)
+        if strength < level or sighted is None:
+            return []
+        plume = measured(rest, *sighted, rest.unit, null.false_alarm(strength))
+        found.append((sighted[0], plume))
+    return found
+
+
+def _whole(
+    column: FloatArray,
+    alone: Views,
+    judged: Views,
+    null: NullLevel,
+    level: float,
+    rng: np.random.Generator,
+) -> list[tuple[FloatArray, Plume]]:
+    """The plume that a column is, and its column; none where it is none.
 
     Args:
         column: The column.
         alone: The views in which no other plume stands.
         judged: Those in which it must show what a plume does.
-        share: How many plumes share that.
         null: What chance makes.
         level: What a plume needs, nats.
         rng: Of the search.
     """
-    turns = WHOLE if share == 1 else FINE
-    sighted = find_axis(alone, column, alone.unit, rng, turns=turns)
-    if sighted is None:
-        return None
-    strength = share * _nats(judged, sighted[0])
-    if strength < level:
-        return None
-    return measured(alone, *sighted, alone.unit, null.false_alarm(strength))
+    sighted = find_axis(alone, column, alone.unit, rng)
+    if sighted is None or (strength := _nats(judged, sighted[0])) < level:
+        return []
+    plume = measured(alone, *sighted, alone.unit, null.false_alarm(strength))
+    return [(sighted[0], plume)]
 
 
 def _far_columns(
