@@ -9,7 +9,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.column import X, Y, evidence, stands_out, without
-from locate.fusion.fit import FINE, climb, distinct, fit_columns
+from locate.fusion.fit import FINE, climb, fit_columns
 from locate.fusion.null import NullLevel
 from locate.fusion.pairs import split
 from locate.fusion.proposals import STARTS, propose
@@ -22,6 +22,7 @@ NULL_SHARE = 0.8  # of the time that fusion takes
 FAR_UNITS = 1.0
 GHOST_SHARE = 0.1
 KEPT_SHARE = 0.5
+SAME_PLACE_UNITS = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +88,7 @@ def fuse(
         null = NullLevel.from_views(calm, box, unit, rng, progress=lambda _share: None)
         level = max(null.threshold(most_false_alarm), least_nats)
         more, _ = _take(left, far, unit, null, max(level, floor), rng)
-        plumes += more
+        plumes += [plume for plume in more if not _same(plume, plumes, unit)]
     progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
     numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
@@ -108,18 +109,12 @@ def _take(
     """
     standing = _standing(views, columns, unit, level, rng)
     plumes: list[Plume] = []
-    axes = np.empty((0, 8))
     for k, column in enumerate(standing):
         stronger = reduce(without, standing[:k], views)
         alone = reduce(without, standing[k + 1 :], stronger)
-        pair = split(alone, column, unit, rng)
-        found = _two(pair, alone, null, level, rng) or _whole(
-            column, alone, stronger, null, level, rng
-        )
-        for axis, plume in found:
-            known = len(axes)
-            axes = distinct(np.vstack([axes, axis]), unit)
-            plumes += [plume] if len(axes) > known else []
+        found = _two(split(alone, column, unit, rng), alone, null, level, rng)
+        found = found or _whole(column, alone, stronger, null, level, rng)
+        plumes += [plume for plume in found if not _same(plume, plumes, unit)]
     return plumes, reduce(without, standing, views)
 
 
@@ -159,8 +154,8 @@ def _two(
     null: NullLevel,
     level: float,
     rng: np.random.Generator,
-) -> list[tuple[FloatArray, Plume]]:
-    """The two plumes that one column held, and their columns; none where one of them is none.
+) -> list[Plume]:
+    """The two plumes that one column held; none where one of them is none, or both are the same.
 
     Each needs half of what a plume alone does, as that something stands there was shown by both;
     and where each stands is known already, nearly.
@@ -172,14 +167,16 @@ def _two(
         level: What a plume alone needs, nats.
         rng: Of the search.
     """
-    found = []
+    found: list[Plume] = []
     for column, rest in pair:
         strength = 2 * _nats(both, column)
         sighted = find_axis(rest, column, rest.unit, rng, turns=FINE)
         if strength < level or sighted is None:
             return []
         plume = measured(rest, *sighted, rest.unit, null.false_alarm(strength))
-        found.append((sighted[0], plume))
+        if _same(plume, found, rest.unit):
+            return []
+        found.append(plume)
     return found
 
 
@@ -190,8 +187,8 @@ def _whole(
     null: NullLevel,
     level: float,
     rng: np.random.Generator,
-) -> list[tuple[FloatArray, Plume]]:
-    """The plume that a column is, and its column; none where it is none.
+) -> list[Plume]:
+    """The plume that a column is; none where it is none.
 
     Args:
         column: The column.
@@ -204,8 +201,14 @@ def _whole(
     sighted = find_axis(alone, column, alone.unit, rng)
     if sighted is None or (strength := _nats(judged, sighted[0])) < level:
         return []
-    plume = measured(alone, *sighted, alone.unit, null.false_alarm(strength))
-    return [(sighted[0], plume)]
+    return [measured(alone, *sighted, alone.unit, null.false_alarm(strength))]
+
+
+def _same(plume: Plume, others: Iterable[Plume], unit: float) -> bool:
+    """Whether its source is that of one of the others."""
+    return any(
+        np.linalg.norm(plume.source - other.source) < SAME_PLACE_UNITS * unit for other in others
+    )
 
 
 def _far_columns(
