@@ -80,30 +80,51 @@ def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
     assert (views.llr > 0).any()
 
 
-@pytest.mark.parametrize(("gap_m", "count"), [(0.0, 0), (1.0, 2)])
-def test_a_column_over_two_plumes_is_split_and_one_over_one_is_not(
-    truth: Truth, gap_m: float, count: int
-) -> None:
+def beside_each_other(truth: Truth, shift_m: np.ndarray, arc_deg: float) -> tuple[Views, Truth]:
+    """Views of a plume and of one so far from it, and the other's truth."""
     rng = np.random.default_rng(0)
-    views = corrupted_views(truth, orbit(8, 60), rng, NONE)
-    beside = replace(truth, source=truth.source + np.array([gap_m, 0, 0]))
-    other = corrupted_views(beside, orbit(8, 60), rng, NONE)
-    both = replace(
-        views,
-        llr=np.maximum(views.llr, other.llr),
-        displacement=views.displacement + other.displacement,
+    beside = replace(truth, source=truth.source + shift_m)
+    first, other = (
+        corrupted_views(plume, orbit(8, arc_deg), rng, NONE) for plume in (truth, beside)
     )
+    both = replace(
+        first,
+        llr=np.maximum(first.llr, other.llr),
+        displacement=first.displacement + other.displacement,
+    )
+    return both, beside
+
+
+def between(truth: Truth, beside: Truth) -> np.ndarray:
+    """A column over both."""
     over = as_column(truth)
-    over[0] += gap_m / 2
-    over[6] += gap_m / 2
-    parts = split(both, over, views.unit, rng)
-    assert len(parts) == count
-    for plume in (truth, beside) if parts else ():
+    over[:2] = (truth.source + beside.source)[:2] / 2
+    over[6] += np.linalg.norm(truth.source - beside.source) / 2
+    return over
+
+
+def test_a_column_over_two_plumes_is_split(truth: Truth) -> None:
+    both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60)
+    parts = split(both, between(truth, beside), both.unit, np.random.default_rng(0))
+    assert len(parts) == 2
+    for plume in (truth, beside):
         own = as_column(plume)[None]
         apart = [np.linalg.norm(column[:2] - plume.source[:2]) for column, _ in parts]
-        assert min(apart) < gap_m / 3
+        assert min(apart) < 1 / 3
         left = parts[int(np.argmin(apart))][1]
         assert score(left, own).sum() > 0.5 * score(both, own).sum()
+
+
+@pytest.mark.parametrize("radius", [0.15, 0.4])
+def test_a_column_over_one_plume_is_not_split(truth: Truth, radius: float) -> None:
+    wide = replace(truth, radius=radius)
+    views = corrupted_views(wide, orbit(8, 60), np.random.default_rng(0), NONE)
+    assert not split(views, as_column(wide), views.unit, np.random.default_rng(0))
+
+
+def test_plumes_that_no_view_sees_apart_are_not_told_apart(truth: Truth) -> None:
+    both, beside = beside_each_other(truth, np.array([0, 1.0, 0]), 10)
+    assert not split(both, between(truth, beside), both.unit, np.random.default_rng(0))
 
 
 def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
