@@ -8,13 +8,13 @@ small, so the graph is linear; `refine_axis` sights the axis anew where the last
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import A, S, X
 
-from geometry.arrays import FloatArray
+from geometry.arrays import BoolArray, FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion import column as columns
 from locate.fusion.axis import AxisSightings
@@ -28,6 +28,7 @@ FEWEST_VIEWS = 3
 FEWEST_HEIGHTS = 2
 FEWEST_SIGHTINGS = 8
 LEAST_SWAY_PX = 1e-3
+OUTLYING_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +70,13 @@ class AxisEstimate:
         spread = across @ self.covariance[2:, 2:] @ across.T
         return float(np.sqrt(np.trace(spread) / 2) / np.linalg.norm(self.rise))
 
+    def counted_from(self, lowest: float) -> "AxisEstimate":
+        """The same axis, with heights counted from another world Z."""
+        move = np.eye(4)
+        move[:2, 2:] = (lowest - self.lowest) * np.eye(2)
+        covariance = move @ self.covariance @ move.T
+        return replace(self, lowest=lowest, line=move @ self.line, covariance=covariance)
+
     def spread(self) -> FloatArray:
         """(8, 4) equally likely lines with the mean and covariance of this one.
 
@@ -84,20 +92,22 @@ def averaged(axes: Sequence[AxisEstimate]) -> AxisEstimate:
 
     Heights count from the lowest point of the first, whose sway it keeps.
     """
-    lowest = axes[0].lowest
-    lines, covariances = [], []
-    for axis in axes:
-        down = np.eye(4)
-        down[:2, 2:] = (lowest - axis.lowest) * np.eye(2)
-        lines.append(down @ axis.line)
-        covariances.append(down @ axis.covariance @ down.T)
-    scatter = np.cov(np.transpose(lines), bias=True)
-    return AxisEstimate(
-        lowest=lowest,
-        line=np.mean(lines, axis=0),
-        covariance=np.mean(covariances, axis=0) + scatter,
-        sway=axes[0].sway,
-    )
+    alike = [axis.counted_from(axes[0].lowest) for axis in axes]
+    lines = np.stack([axis.line for axis in alike])
+    covariance = np.mean([axis.covariance for axis in alike], axis=0) + np.cov(lines.T, bias=True)
+    return replace(alike[0], line=lines.mean(axis=0), covariance=covariance)
+
+
+def agreeing(axes: Sequence[AxisEstimate]) -> BoolArray:
+    """(N,) which of several estimates of one plume's axis lie by their median.
+
+    Within `OUTLYING_SIGMAS` of a usual one of them, in place and slope; all, where none does.
+    """
+    alike = [axis.counted_from(axes[0].lowest) for axis in axes]
+    lines = np.stack([axis.line for axis in alike])
+    sigmas = np.sqrt(np.median([axis.covariance.diagonal() for axis in alike], axis=0))
+    near = (np.abs(lines - np.median(lines, axis=0)) < OUTLYING_SIGMAS * sigmas).all(axis=1)
+    return near if near.any() else np.ones(len(axes), dtype=bool)
 
 
 def estimate_axis(

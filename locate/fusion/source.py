@@ -21,7 +21,7 @@ from locate.fusion.column import (
     spine,
 )
 from locate.fusion.fit import WHOLE, climb, steps
-from locate.fusion.graph import AxisEstimate, averaged, estimate_axis
+from locate.fusion.graph import AxisEstimate, agreeing, averaged, estimate_axis
 from locate.fusion.sway import Explanation
 from locate.fusion.views import Views
 from locate.plume import Plume, RefractiveIndex
@@ -43,9 +43,10 @@ def find_axis(
     """The column where it really stands, and its axis; None where too few views see it.
 
     Columns of quite another shape explain the evidence nearly as well, and have their axis sighted
-    elsewhere. So the axis is the mean over several searches from about the column, and its
-    covariance holds their scatter (Rubin, Multiple Imputation, 1987, without the small-sample
-    term). The column is the one that most speaks for. `turns` of the search: fewer stay nearer.
+    elsewhere. So the axis is the mean over several searches from about the column, those that
+    strayed left out, and its covariance holds their scatter (Rubin, Multiple Imputation, 1987,
+    without the small-sample term). The column is the one that most speaks for. `turns` of the
+    search: fewer stay nearer.
     """
     starts = column + rng.normal(size=(SEARCHES, 8)) * steps(unit)
     starts[0] = column
@@ -57,6 +58,7 @@ def find_axis(
             seen.append(refined)
     if not seen:
         return None
+    seen = [seen[k] for k in np.flatnonzero(agreeing([axis for _, axis in seen]))]
     nats = evidence(views, np.stack([each for each, _ in seen]))
     seen = [seen[k] for k in np.argsort(-nats, kind="stable")]
     return seen[0][0], averaged([axis for _, axis in seen])

@@ -10,7 +10,7 @@ from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import evidence, score, spine, stands_out, without
 from locate.fusion.fuse import fuse
-from locate.fusion.graph import averaged, estimate_axis
+from locate.fusion.graph import agreeing, averaged, estimate_axis
 from locate.fusion.null import NullLevel
 from locate.fusion.pairs import split
 from locate.fusion.proposals import best_interval
@@ -286,6 +286,21 @@ def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: Truth) -> Non
     between, wider = averaged([axis, aside]).at(0.3)
     np.testing.assert_allclose(between, at + np.array([0.1, 0, 0]))
     np.testing.assert_allclose(wider - covariance, np.diag([0.01, 0, 0]), atol=1e-9)
+
+
+def test_a_search_that_strayed_is_left_out(truth: Truth) -> None:
+    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+    refined = refine_axis(views, as_column(truth), views.unit)
+    assert refined is not None
+    _, axis = refined
+    sigma = np.sqrt(axis.covariance[0, 0])
+    aside, astray = (
+        replace(axis, line=axis.line + np.array([by * sigma, 0, 0, 0])) for by in (1, 4)
+    )
+    lifted = astray.counted_from(axis.lowest + 0.5)
+    np.testing.assert_allclose(lifted.at(0.5)[0], astray.at(1.0)[0])
+    assert agreeing([axis, aside, lifted, axis]).tolist() == [True, True, False, True]
+    assert agreeing([axis]).all()
 
 
 def test_the_source_hardly_hangs_on_the_seed_of_the_search(truth: Truth) -> None:
