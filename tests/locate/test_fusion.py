@@ -14,6 +14,7 @@ from locate.fusion.graph import agreeing, averaged, estimate_axis
 from locate.fusion.null import NullLevel
 from locate.fusion.pairs import split
 from locate.fusion.proposals import best_interval
+from locate.fusion.source import refine_axis
 from locate.fusion.sway import estimate_sway
 from locate.fusion.views import Views
 from locate.plume import Plume
