@@ -100,12 +100,14 @@ def row(name: str, outcome: Outcome) -> str:
     hits = "; ".join(
         f"{p.error:.3f} m, {p.error_percent:.2f} %, NEES {p.nees:.1f}" for p in evaluation.plumes
     )
+    plumes = () if outcome.plume_map is None else outcome.plume_map.plumes
+    index = ", ".join(plume.refractive_index or "not told" for plume in plumes)
     auroc = evaluation.frame_median("auroc")
     precision = evaluation.frame_median("average_precision")
     return (
         f"{name} | {hits or '-'} | missed {len(evaluation.misses)} | "
-        f"false {len(evaluation.false_plumes)} | AUROC {auroc:.3f} AP {precision:.3f} | "
-        f"{outcome.cpu_s:.0f} CPU s"
+        f"false {len(evaluation.false_plumes)} | index {index or '-'} | "
+        f"AUROC {auroc:.3f} AP {precision:.3f} | {outcome.cpu_s:.0f} CPU s"
     )
 
 
