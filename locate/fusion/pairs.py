@@ -42,6 +42,7 @@ MOST_SIGMAS = 4.0
 FITTED_IN_TURNS = 2
 SEEN_APART_RADII = 3.0
 LEAST_TOLD = 4.0
+LEAST_SHARE = 0.55
 STARTS = 6
 LEAST_WEIGHT = 1e-3
 
@@ -108,7 +109,8 @@ def _told_apart(turns: Views, first: FloatArray, second: FloatArray) -> float:
     """How surely the displacement turns at both axes, and the other way between them.
 
     Summed over the views from where they stand apart by `SEEN_APART_RADII` of a narrow plume; each
-    says what the weakest of the three does.
+    says what the weakest of the three does. 0 where the displacement turns at one of them much less
+    than at the other: a wide plume has such a flank.
     """
     second = second.copy()
     second[[X, Y]] += second[[SLOPE_X, SLOPE_Y]] * (first[Z] - second[Z])
@@ -116,6 +118,9 @@ def _told_apart(turns: Views, first: FloatArray, second: FloatArray) -> float:
     columns = np.stack([first, second, (first + second) / 2])
     turned = score(turns, _with_radius(columns, RADIUS_UNITS * turns.unit)) * [1, 1, -1]
     apart = _seen_apart(turns, first, second) > SEEN_APART_RADII * RADIUS_UNITS * turns.unit
+    weaker, stronger = np.sort(turned[apart, :2].sum(axis=0))
+    if weaker < LEAST_SHARE * stronger:
+        return 0.0
     return float(agreed((turned.min(axis=1) * apart)[:, None])[0])
 
 
