@@ -81,8 +81,10 @@ def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
     assert (views.llr > 0).any()
 
 
-def beside_each_other(truth: Truth, shift_m: np.ndarray, arc_deg: float) -> tuple[Views, Truth]:
-    """Views of a plume and of one so far from it, and the other's truth."""
+def beside_each_other(
+    truth: Truth, shift_m: np.ndarray, arc_deg: float, strength: float = 1.0
+) -> tuple[Views, Truth]:
+    """Views of a plume and of one so far from it and so much as strong, and the other's truth."""
     rng = np.random.default_rng(0)
     beside = replace(truth, source=truth.source + shift_m)
     first, other = (
@@ -91,7 +93,7 @@ def beside_each_other(truth: Truth, shift_m: np.ndarray, arc_deg: float) -> tupl
     both = replace(
         first,
         llr=np.maximum(first.llr, other.llr),
-        displacement=first.displacement + other.displacement,
+        displacement=first.displacement + strength * other.displacement,
     )
     return both, beside
 
@@ -125,6 +127,11 @@ def test_a_column_over_one_plume_is_not_split(truth: Truth, radius: float) -> No
 
 def test_plumes_that_no_view_sees_apart_are_not_told_apart(truth: Truth) -> None:
     both, beside = beside_each_other(truth, np.array([0, 1.0, 0]), 10)
+    assert not split(both, between(truth, beside), both.unit, np.random.default_rng(0))
+
+
+def test_where_the_displacement_turns_much_less_is_no_second_plume(truth: Truth) -> None:
+    both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60, strength=0.04)
     assert not split(both, between(truth, beside), both.unit, np.random.default_rng(0))
 
 
