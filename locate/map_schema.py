@@ -10,6 +10,8 @@ from geometry.georeference import HeightDatum
 
 SCHEMA = "locate.map/1"
 
+RefractiveIndex = Literal["lower", "higher"]
+
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Tangent = Annotated[list[FiniteFloat], Field(min_length=7, max_length=7)]
 
@@ -28,7 +30,7 @@ class _PlumeFile(BaseModel):
     views: tuple[int, ...]
     displacement_px: FiniteFloat
     source_hidden: bool = False
-    refractive_index: Literal["lower", "higher"] | None = None
+    refractive_index: RefractiveIndex | None = None
 
 
 class _BearingFile(BaseModel):

@@ -9,10 +9,8 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from locate.map_schema import SCHEMA, checked_fields
+from locate.map_schema import SCHEMA, RefractiveIndex, checked_fields
 from locate.plain import plain
-
-RefractiveIndex = Literal["lower", "higher"]
 
 
 @dataclass(frozen=True, kw_only=True)

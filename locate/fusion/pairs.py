@@ -19,8 +19,6 @@ from locate.fusion.column import (
     NEAREST_DEPTH_UNITS,
     OPENING,
     RADIUS,
-    SLOPE_X,
-    SLOPE_Y,
     X,
     Y,
     Z,
@@ -113,8 +111,7 @@ def _told_apart(turns: Views, first: FloatArray, second: FloatArray) -> float:
     than at the other: a wide plume has such a flank.
     """
     second = second.copy()
-    second[[X, Y]] += second[[SLOPE_X, SLOPE_Y]] * (first[Z] - second[Z])
-    second[Z] = first[Z]
+    second[[X, Y, Z]] = spine(second[None], np.array([[first[Z] - second[Z]]]))[0, 0]
     columns = np.stack([first, second, (first + second) / 2])
     turned = score(turns, _with_radius(columns, RADIUS_UNITS * turns.unit)) * [1, 1, -1]
     apart = _seen_apart(turns, first, second) > SEEN_APART_RADII * RADIUS_UNITS * turns.unit

@@ -24,7 +24,8 @@ from locate.fusion.fit import WHOLE, climb, steps
 from locate.fusion.graph import AxisEstimate, agreeing, averaged, estimate_axis
 from locate.fusion.sway import Explanation
 from locate.fusion.views import Views
-from locate.plume import Plume, RefractiveIndex
+from locate.map_schema import RefractiveIndex
+from locate.plume import Plume
 
 SEARCHES = 4
 REFINEMENTS = 3
