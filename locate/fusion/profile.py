@@ -2,7 +2,9 @@
 
 Two things tell. The evidence is where the plume is, but reaches as far out as light is bent at all,
 and further where the background shows it better. The displacement turns its sign at the axis:
-light is bent away from warm air on both sides, and towards a denser gas.
+light is bent away from warm air on both sides, and towards a denser gas. How well it is known
+differs from section to section, with the background and with turbulence, and shows in how much of
+it a turn leaves unexplained: each section is matched as if its noise were unknown.
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,7 @@ from locate.fusion.column import (
     axis_direction,
     spine,
 )
-from locate.fusion.views import Views
+from locate.fusion.views import TURBULENCE_PX, Views
 
 REACH_RADII, SAMPLES = 2.5, 101
 REACH = np.linspace(-REACH_RADII, REACH_RADII, SAMPLES)
@@ -37,7 +39,9 @@ FROM_PLACE = (REACH - PLACES[:, None]) / TURN_RADII
 TURN = FROM_PLACE * np.exp(-(FROM_PLACE**2) / 2)
 NEAR_RADII = 0.5
 OUTLINE_LOOK_PX2, TURN_LOOK_PX2 = 10.0, 36.0
-OUTLINE_SHARE = 0.3
+OUTLINE_SHARE, OUTLINE_ERROR_RADII = 0.1, 0.4
+STRAYING = np.exp(-(((PLACES - PLACES[:, None]) / OUTLINE_ERROR_RADII) ** 2) / 2)
+STRAYING /= STRAYING.sum(axis=1, keepdims=True)
 SECTION_SAW_LLR = 0.4
 LEAST_RADIUS_PX = 2.0
 
@@ -51,8 +55,8 @@ class Profile:
         offsets_px: (C,) the places, from the column's own axis along the normal.
         outline: (C,) mean evidence within the column's outline, nats a pixel.
         looks: That many pixels of it count as independent.
-        turn: (C,) how surely the displacement turns its sign there, in sigmas: positive where
-            light is bent away from the axis, negative where towards it.
+        turn: (C,) how surely the displacement turns its sign there, nats: positive where light is
+            bent away from the axis, negative where towards it.
         derivatives: (8,) of the offset, by the axis point's world X and Y and by the view's pose,
             in gtsam's tangent of world_from_cam.
     """
@@ -72,16 +76,16 @@ class Profile:
     def sighted(self, away: int) -> tuple[float, float] | None:
         """Offset of the axis and its standard deviation, px; None where nothing shows it.
 
-        How much a plume turns the displacement in a section is not known, and free. The outline's
-        evidence counts less than its looks: what it has wrong is wrong in all of them alike.
+        What the outline has wrong, its looks have wrong alike: it may lie aside by
+        `OUTLINE_ERROR_RADII`, however sharp it is.
 
         Args:
             away: 1 where the plume bends light away from its axis, -1 where towards it.
         """
         if self.outline.max() < SECTION_SAW_LLR:
             return None
-        nats = np.maximum(away * self.turn, 0) ** 2 / 2
-        nats += OUTLINE_SHARE * self.looks * self.outline
+        outlined = np.exp(OUTLINE_SHARE * self.looks * (self.outline - self.outline.max()))
+        nats = np.maximum(away * self.turn, 0) + np.log(STRAYING @ outlined)
         best = int(np.argmax(nats))
         if best in (0, len(nats) - 1):
             return None
@@ -120,7 +124,7 @@ def look_across(
     )
     gate = lever_gate(depth[:, None].astype(np.float32), np.asarray(background, np.float32))
     llr = cv2.remap(core[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
-    precision = cv2.remap(views.precision[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
+    measured = cv2.remap(views.measured[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
     displacement = cv2.remap(views.displacement[i], x, y, cv2.INTER_LINEAR, borderValue=0) @ normal
     length_px = float(np.linalg.norm(pixel[-1] - pixel[0])) * len(heights) / (len(heights) - 1)
     radius_px = float(radii_px.mean())
@@ -131,16 +135,23 @@ def look_across(
         offsets_px=PLACES * radius_px,
         outline=outline[SEARCHED],
         looks=2 * FOOTPRINT_SHARE * radius_px * length_px / OUTLINE_LOOK_PX2,
-        turn=_turn(precision * looks_each, displacement),
+        turn=_turn(measured * looks_each, displacement),
         derivatives=_derivatives(trajectory, i, points.mean(axis=0), normal),
     )
 
 
-def _turn(precision: FloatMap, displacement: FloatMap) -> FloatArray:
-    """(C,) sigmas by which (S, P) displacements across the axis fit `TURN`, of a free size."""
-    along = TURN @ (precision * displacement).mean(axis=0)
-    information = TURN**2 @ precision.mean(axis=0)
-    return np.asarray(along / np.sqrt(np.maximum(information, 1e-9)))
+def _turn(looks: FloatMap, displacement: FloatMap) -> FloatArray:
+    """(C,) nats for `TURN` of a free size in noise of a free size, signed, with one look of prior.
+
+    Args:
+        looks: (S, P) how many each sample counts as.
+        displacement: (S, P) across the axis, px.
+    """
+    along = TURN @ (looks * displacement).mean(axis=0)
+    information = TURN**2 @ looks.mean(axis=0)
+    total = TURBULENCE_PX**2 + (looks * displacement**2).mean(axis=0).sum()
+    explained = along**2 / np.maximum(information, 1e-9) / total
+    return np.asarray(np.sign(along) * -np.log1p(-explained) * (1 + looks.mean(axis=0).sum()) / 2)
 
 
 def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: FloatArray) -> FloatArray:

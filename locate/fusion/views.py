@@ -107,13 +107,18 @@ class Views:
         return np.asarray(np.sqrt(length**2 - np.minimum(self.sigma_px, length) ** 2))
 
     @cached_property
+    def measured(self) -> FloatMap:
+        """(V, H, W) 1 where there is a displacement and the evidence says something, else 0."""
+        return np.asarray((self.llr != 0) & np.isfinite(self.sigma_px), dtype=np.float32)
+
+    @cached_property
     def precision(self) -> FloatMap:
         """(V, H, W) of a component of the displacement against turbulence and noise, 1 / px^2.
 
         0 where the evidence says nothing.
         """
-        precision = 1 / (self.sigma_px**2 + TURBULENCE_PX**2)
-        return np.where(self.llr != 0, precision, 0).astype(np.float32)
+        variance = self.sigma_px**2 + np.float32(TURBULENCE_PX**2)
+        return np.asarray(self.measured / variance)
 
     @cached_property
     def floor(self) -> float:
