@@ -57,6 +57,15 @@ def test_where_the_displacement_turns_counts_for_more_than_the_outline(
     assert min(shifts[1:]) > 1.5
 
 
+def test_noise_that_nobody_stated_makes_sightings_less_sure(
+    views: Views, column: np.ndarray
+) -> None:
+    noise = np.random.default_rng(2).normal(size=views.displacement.shape)
+    noisy = replace(views, displacement=(views.displacement + noise).astype(np.float32))
+    calm, unsure = (np.median(sight_axis(each, column).sigma_px) for each in (views, noisy))
+    assert unsure > 2 * calm
+
+
 def test_a_view_that_knows_better_is_believed(views: Views, column: np.ndarray) -> None:
     turned = replace(views, displacement=-views.displacement)
     alone = sight_axis(turned, column, away=1)
