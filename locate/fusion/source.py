@@ -132,7 +132,7 @@ def measured(
         views=tuple(int(index) for index in views.trajectory.indices[saw]),
         displacement_px=_displacement(views, column, np.flatnonzero(saw)),
         source_hidden=base.hidden,
-        refractive_index=REFRACTIVE_INDEX[bends_away(views, column)],
+        refractive_index=REFRACTIVE_INDEX[bends_away(views, _moved(column, axis.line))],
     )
 
 
