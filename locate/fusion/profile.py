@@ -144,14 +144,15 @@ def _turn(looks: FloatMap, displacement: FloatMap) -> FloatArray:
     """(C,) nats for `TURN` of a free size in noise of a free size, signed, with one look of prior.
 
     Args:
-        looks: (S, P) how many each sample counts as.
+        looks: (S, P) looks that one of P places counts as over the whole section; 0 if unmeasured.
         displacement: (S, P) across the axis, px.
     """
+    counted = looks.mean(axis=0)
     along = TURN @ (looks * displacement).mean(axis=0)
-    information = TURN**2 @ looks.mean(axis=0)
     total = TURBULENCE_PX**2 + (looks * displacement**2).mean(axis=0).sum()
-    explained = along**2 / np.maximum(information, 1e-9) / total
-    return np.asarray(np.sign(along) * -np.log1p(-explained) * (1 + looks.mean(axis=0).sum()) / 2)
+    explained = along**2 / np.maximum(TURN**2 @ counted, 1e-9) / total
+    nats = -np.log1p(-explained) * (1 + counted.sum()) / 2
+    return np.asarray(np.sign(along) * nats)
 
 
 def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: FloatArray) -> FloatArray:
