@@ -29,8 +29,10 @@ def lever_gate(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
     A plume close before its background displaces nothing, and behind it is hidden; where the
     background is unknown (NaN) nothing is said.
     """
-    ramp = (lever(depth, background_inverse_depth) - LEVER_NONE) / (LEVER_FULL - LEVER_NONE)
-    return np.asarray(np.fmin(np.fmax(ramp, 0), 1), np.float32)
+    ramp = lever(depth, background_inverse_depth)
+    ramp -= np.float32(LEVER_NONE)
+    ramp /= np.float32(LEVER_FULL - LEVER_NONE)
+    return np.asarray(np.fmin(np.fmax(ramp, 0, out=ramp), 1, out=ramp))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,21 +60,18 @@ class Box:
         """(N, 3) world positions of the centres of (N, 3) voxel indices (z, y, x)."""
         return self.low_in_world + (indices_zyx[:, ::-1] + 0.5) * self.voxel
 
-    def slice_height(self, k: int) -> float:
-        """World z of the centres of slice `k`."""
-        return float(self.low_in_world[2] + (k + 0.5) * self.voxel)
+    def pixels_from_slices(self, trajectory: Trajectory, i: int) -> FloatArray:
+        """(Z, 3, 3) homographies from (x index, y index, 1) of each slice to pixels of frame `i`.
 
-    def pixel_from_slice(self, k: int, trajectory: Trajectory, i: int) -> FloatArray:
-        """(3, 3) homography from (x index, y index, 1) of slice `k` to pixels of frame `i`.
-
-        Its third row gives the depth along the optical axis, in world units.
+        Their third rows give the depth along the optical axis, in world units.
         """
-        x0, y0 = self.low_in_world[:2] + 0.5 * self.voxel
-        world_from_slice = np.array(
-            [[self.voxel, 0, x0], [0, self.voxel, y0], [0, 0, self.slice_height(k)], [0, 0, 1]]
-        )
-        cam_from_world = np.hstack([trajectory.rotations[i], trajectory.translations[i][:, None]])
-        return np.asarray(trajectory.camera.matrix @ cam_from_world @ world_from_slice)
+        projection = trajectory.camera.matrix @ trajectory.rotations[i]
+        corner = self.low_in_world + 0.5 * self.voxel
+        by_index = projection * self.voxel
+        corner_px = projection @ corner + trajectory.camera.matrix @ trajectory.translations[i]
+        homographies = np.repeat(by_index[None], self.shape[0], axis=0)
+        homographies[:, :, 2] = corner_px + by_index[:, 2] * np.arange(self.shape[0])[:, None]
+        return homographies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,8 +106,7 @@ def sum_evidence(
     size = box.shape[:0:-1]
     flags = cv2.WARP_INVERSE_MAP
     for i in range(len(trajectory)):
-        for k in range(box.shape[0]):
-            homography = box.pixel_from_slice(k, trajectory, i)
+        for k, homography in enumerate(box.pixels_from_slices(trajectory, i)):
             depth = homography[2, 0] * columns + homography[2, 1] * rows + homography[2, 2]
             depth = depth.astype(np.float32)
             background = cv2.warpPerspective(

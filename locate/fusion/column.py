@@ -19,6 +19,7 @@ EXPLAINED_RADII = 1.5
 AGREEING_VIEWS = 3
 SHARPNESS, LEAST_LOOKS = 0.75, 1e-6
 SAMPLES_AT_ONCE = 100_000
+OUTSIDE_PX = -1e4
 
 
 def spine(columns: FloatArray, heights: FloatArray) -> FloatArray:
@@ -89,63 +90,70 @@ class _Outlines(NamedTuple):
     """N columns at S heights.
 
     Attributes:
-        points: (N, S, 3) of the axes.
-        radii: (N, S) there.
-        directions: (N, 3) unit vectors of the axes.
-        slab: (N, 1) length of axis that a height stands for.
+        points: (3, S * N) of the axes.
+        half_widths: (S, N) of the outline there.
+        directions: (3, N) unit vectors of the axes.
+        slab: (N,) length of axis that a height stands for.
     """
 
     points: FloatArray
-    radii: FloatArray
+    half_widths: FloatArray
     directions: FloatArray
     slab: FloatArray
 
     @classmethod
     def of(cls, columns: FloatArray, along: int) -> Self:
-        heights = columns[:, HEIGHT, None] * (np.arange(along) + 0.5) / along
-        axes = np.column_stack([columns[:, [SLOPE_X, SLOPE_Y]], np.ones(len(columns))])
-        lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+        heights = columns[:, HEIGHT] * (np.arange(along)[:, None] + 0.5) / along
+        axes = np.stack([columns[:, SLOPE_X], columns[:, SLOPE_Y], np.ones(len(columns))])
+        lengths = np.linalg.norm(axes, axis=0)
         return cls(
-            points=spine(columns, heights),
-            radii=columns[:, RADIUS, None] + columns[:, OPENING, None] * heights,
+            points=spine(columns, heights.T).T.reshape(3, -1),
+            half_widths=FOOTPRINT_SHARE * (columns[:, RADIUS] + columns[:, OPENING] * heights),
             directions=axes / lengths,
-            slab=columns[:, HEIGHT, None] * lengths / along,
+            slab=columns[:, HEIGHT] * lengths / along,
         )
 
 
 def _sums_of(
     views: Views, rows: slice, outlines: _Outlines, across_axis: FloatMap
 ) -> tuple[FloatArray, FloatArray]:
-    """As `sums`, of some views; axes of arrays: view, column, sample along, sample across."""
-    points, radii, directions, slab = outlines
-    trajectory, focal = views.trajectory, views.trajectory.camera.focal_px
-    center_x, center_y = trajectory.camera.matrix[:2, 2]
+    """As `sums`, of some views; axes of arrays: view, sample across, sample along, column."""
+    points, half_widths, directions, slab = outlines
+    focal = views.trajectory.camera.focal_px
+    center_x, center_y = views.trajectory.camera.matrix[:2, 2]
     nearest = NEAREST_DEPTH_UNITS * views.unit
-    seen, background = views.llr[rows], views.inverse_depth[rows]
-    count, height, width = seen.shape
-    in_cam = points.reshape(-1, 3) @ trajectory.rotations[rows].transpose(0, 2, 1)
-    in_cam = (in_cam + trajectory.translations[rows, None]).reshape(count, *points.shape)
-    depth = np.maximum(in_cam[..., 2], nearest)
+    rotations = views.trajectory.rotations[rows]
+    in_cam = rotations @ points + views.trajectory.translations[rows, :, None]
+    in_cam = in_cam.reshape(len(rotations), 3, *half_widths.shape)
+    ahead = in_cam[:, 2] > nearest
+    depth = np.maximum(in_cam[:, 2], nearest)
     scale = focal / depth
-    half_width_px = FOOTPRINT_SHARE * radii * scale
-    x = (in_cam[..., 0] * scale + center_x).astype(np.float32)[..., None]
-    x = np.rint(x + half_width_px[..., None].astype(np.float32) * across_axis).astype(np.int32)
-    y = np.rint(in_cam[..., 1] * scale + center_y).astype(np.int32)[..., None]
-    inside = (x >= 0) & (x < width)
-    inside &= (y >= 0) & (y < height) & (in_cam[..., 2] > nearest)[..., None]
-    first = np.arange(count, dtype=np.int32)[:, None, None, None] * (height * width)
-    flat = np.where(inside, y * width + x, 0) + first
-    gate = lever_gate(depth[..., None].astype(np.float32), background.ravel().take(flat)) * inside
-    llr = seen.ravel().take(flat)
-    rays = points - trajectory.centers_in_world[rows, None, None]
-    squared = np.einsum("vnsk,vnsk->vns", rays, rays)
-    facing = np.abs(np.einsum("vnsk,nk->vns", rays, directions)) / np.sqrt(squared)
-    area = 2 * half_width_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
-    area += np.pi * half_width_px**2 * facing / points.shape[1]
+    half_px = half_widths * scale
+    middle_x = np.where(ahead, in_cam[:, 0] * scale + center_x, OUTSIDE_PX).astype(np.float32)
+    middle_y = (in_cam[:, 1] * scale + center_y).astype(np.float32)
+    x = middle_x[:, None] + half_px.astype(np.float32)[:, None] * across_axis[:, None, None]
+    y = np.repeat(middle_y[:, None], len(across_axis), axis=1)
+    llr = _looked_up(views.llr[rows], x, y, outside=0.0)
+    background = _looked_up(views.inverse_depth[rows], x, y, outside=np.nan)
+    gate = lever_gate(depth.astype(np.float32)[:, None], background)
+    facing = np.abs(np.einsum("vksn,vkn->vsn", in_cam, rotations @ directions))
+    facing /= np.sqrt(np.einsum("vksn,vksn->vsn", in_cam, in_cam))
+    area = 2 * half_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
+    area += np.pi * half_px**2 * facing / len(half_widths)
     area /= len(across_axis) * views.correlation_px2
-    nats = (np.einsum("vnsa,vnsa->vns", llr, gate) * area).sum(axis=-1)
-    looks = (np.einsum("vnsa,vnsa->vns", llr != 0, gate) * area).sum(axis=-1)
+    nats = ((llr * gate).sum(axis=1) * area).sum(axis=1)
+    looks = (((llr != 0) * gate).sum(axis=1) * area).sum(axis=1)
     return nats, looks
+
+
+def _looked_up(maps: FloatMap, x: FloatMap, y: FloatMap, *, outside: float) -> FloatMap:
+    """(V, A, S, N) values of (V, H, W) maps at the pixels nearest to x and y."""
+    found = np.empty((len(x), x[0].size // x.shape[-1], x.shape[-1]), np.float32)
+    for image, at_x, at_y, out in zip(
+        maps, x.reshape(found.shape), y.reshape(found.shape), found, strict=True
+    ):
+        cv2.remap(image, at_x, at_y, cv2.INTER_NEAREST, dst=out, borderValue=outside)
+    return found.reshape(x.shape)
 
 
 def agreed(nats: FloatArray) -> FloatArray:

@@ -38,17 +38,14 @@ def best_interval(evidence: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
 
     Kadane's algorithm. Returns the sum, the first and the last slice of the run, each (Y, X).
     """
-    running = np.zeros(evidence.shape[1:], np.float32)
-    start = np.zeros(evidence.shape[1:], np.float32)
-    best, first, last = np.zeros_like(running), np.zeros_like(running), np.zeros_like(running)
+    running, start, best, first, last = np.zeros((5, *evidence.shape[1:]), np.float32)
     for k, layer in enumerate(evidence):
-        restart = running <= 0
-        running = np.where(restart, layer, running + layer)
-        start = np.where(restart, k, start)
+        np.copyto(start, k, where=running <= 0)
+        running = np.maximum(running, 0) + layer
         better = running > best
-        best = np.where(better, running, best)
-        first = np.where(better, start, first)
-        last = np.where(better, k, last)
+        np.copyto(best, running, where=better)
+        np.copyto(first, start, where=better)
+        np.copyto(last, k, where=better)
     return best, first, last
 
 
