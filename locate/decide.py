@@ -23,8 +23,8 @@ from locate.observe import Recorded, load_detections, load_response
 from locate.plume import Plume, PlumeMap
 
 ONE_VIEWPOINT = (
-    "The camera stood still: one viewpoint gives directions to plumes, not positions. "
-    "Move the camera around the scene for a 3D map."
+    "The camera stood still: one viewpoint gives directions to plumes, not positions, and what "
+    "moves (leaves, flags, people) passes for one. Move the camera around the scene for a 3D map."
 )
 PLUME_RANGE_SHARE = 0.7
 HOTTEST_RISE_K = 2000.0

@@ -82,7 +82,8 @@ class Bearing:
         direction_in_cam: (3,) unit vector towards the plume's base; x right, y down, z forward.
         sigma_rad: Standard deviation of the direction, rad.
         evidence_nats: As of a `Plume`.
-        probability: Likewise, for the frame in place of the volume.
+        probability: Likewise, for the frame in place of the volume: against chance, not against
+            what moves by itself, such as leaves.
         displacement_px: Mean displacement it causes.
     """
 
