@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import expit
 
+from detect import fluctuation
 from detect.detection import Detection
 from geometry.grid import EvidenceGrid
 from geometry.npz import save_arrays
@@ -35,7 +36,11 @@ BLIND = (
 )
 RIGHTLY_TOLD = (-2.002, 0.446)  # logit of how often, and its slope per nat a view
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
-METHOD = (Path(__file__), Path(fusion.__file__).parent)  # a change here is a new decision
+METHOD = (  # a change here is a new decision
+    Path(__file__),
+    Path(fusion.__file__).parent,
+    Path(fluctuation.__file__),
+)
 
 
 def decide(
@@ -53,15 +58,17 @@ def decide(
     detector, indices, found = load_detections(detections)
     trajectory = recorded.undistorted_trajectory()
     if trajectory is None:
-        bearings = find_bearings(found, recorded.camera.undistorted(), seed=seed)
+        seen = find_bearings(
+            found, recorded.camera.undistorted(), in_a_row=recorded.in_a_row(), seed=seed
+        )
         report("fusion", 1.0)
         return PlumeMap(
             units="scene",
             gravity=False,
             detector=detector,
             version=__version__,
-            bearings=bearings,
-            notes=(ONE_VIEWPOINT,),
+            bearings=seen.bearings,
+            notes=(ONE_VIEWPOINT, *seen.notes),
         )
     views = Views.from_detections(found, trajectory.take(recorded.rows(indices)))
     fused = fuse(

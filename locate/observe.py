@@ -9,8 +9,9 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from detect.detection import Detection, Detector, Frames
+from detect.fluctuation import in_a_row
 from detect.response import Response
-from geometry.arrays import FloatArray, IntArray
+from geometry.arrays import FloatArray, GreyImage, IntArray
 from geometry.atomic import replacing
 from geometry.camera import Camera
 from geometry.errors import BadInputError, first_complaint
@@ -18,6 +19,7 @@ from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 from locate.images import FrameImages
 from locate.journal import Report
+from locate.video.keyframes import CLOSELY_S
 from locate.video.motion import median_motion
 
 ENDS = 3
@@ -35,6 +37,7 @@ class Recorded:
         indices: (N,) index of each in the recording.
         camera: That took them.
         trajectory: Its N poses; None where it stood still.
+        times_s: (N,) when each was taken; None where that is not known, as of photos.
     """
 
     folder: Path
@@ -42,6 +45,7 @@ class Recorded:
     indices: IntArray
     camera: Camera
     trajectory: Trajectory | None = None
+    times_s: FloatArray | None = None
 
     def frames(self) -> Frames:
         """The frames, undistorted, with the pinhole camera that would have taken them so."""
@@ -53,6 +57,12 @@ class Recorded:
         if self.trajectory is None:
             return None
         return replace(self.trajectory, camera=self.camera.undistorted())
+
+    def in_a_row(self) -> Sequence[GreyImage]:
+        """The frames, undistorted, of the longest run that follow each other closely."""
+        if self.times_s is None:
+            return ()
+        return self.frames().images[in_a_row(self.times_s, CLOSELY_S)]
 
     def drift_px(self) -> float:
         """How far the image moves from the first frame to the middle and the last, median, px."""

@@ -191,6 +191,7 @@ class Run:
             names=frames.names,
             indices=frames.indices,
             camera=camera,
+            times_s=frames.times_s if frames.is_video else None,
         )
         drift_px = recorded.drift_px()
         if self._detector != "dybs" and drift_px > MOVING_SHARE * frames.width:

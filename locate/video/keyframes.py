@@ -19,6 +19,7 @@ SHARPER = 1.2
 THUMBNAIL_SIDE = 320
 MIN_KEY_FRAMES = 8
 MAX_WAITING = 256
+CLOSELY_S, ROW_SPACING_S = 0.12, 1 / 15
 
 Progress = Callable[[str, float], None]
 
@@ -79,7 +80,8 @@ def select_frames(
 
     A video is thinned to `target_motion` between neighbours, photos are all kept; beyond
     `max_frames` the kept ones are spread evenly over the path of the image motion. A recording by
-    a camera at rest keeps frames evenly in time.
+    a camera at rest keeps frames evenly in time; where these would be more than `CLOSELY_S` apart,
+    half of them come from the middle of the video, one close after the other.
 
     Args:
         recording: What `open_recording` gave.
@@ -100,7 +102,7 @@ def select_frames(
     if len(every) < 2:
         raise BadInputError(f"{recording.path}: only {len(every)} frame; at least 2 are needed")
     if still:
-        chosen = _evenly(every, np.arange(len(every)), max_frames)
+        chosen = _at_rest(every, max_frames, in_time=recording.is_video)
     elif recording.is_video and len(spaced) >= MIN_KEY_FRAMES:
         chosen = _evenly(spaced, np.arange(len(spaced)), max_frames)
     else:
@@ -161,6 +163,20 @@ def _evenly(frames: list[KeyFrame], path: FloatArray | IntArray, count: int) -> 
     wanted = np.linspace(path[0], path[-1], count)
     rows = np.unique(np.searchsorted(path, wanted))
     return [frames[row] for row in rows]
+
+
+def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFrame]:
+    """At most `count` frames, evenly; in a video of more, half of them in a row if need be."""
+    evenly = _evenly(frames, np.arange(len(frames)), count)
+    if not in_time or np.median(np.diff([frame.time_s for frame in evenly])) <= CLOSELY_S:
+        return evenly
+    spacing_s = float(np.median(np.diff([frame.time_s for frame in frames])))
+    step = max(1, round(ROW_SPACING_S / max(spacing_s, 1e-3)))
+    start = max(0, (len(frames) - count // 2 * step) // 2)
+    row = frames[start::step][: count // 2]
+    others = [frame for frame in evenly if frame not in row]
+    spread = _evenly(others, np.arange(len(others)), count - len(row))
+    return sorted((*row, *spread), key=lambda frame: frame.index)
 
 
 def _write(

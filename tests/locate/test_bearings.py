@@ -2,8 +2,10 @@ import cv2
 import numpy as np
 
 from detect.detection import Detection
+from geometry.arrays import GreyImage
 from geometry.camera import Camera
-from locate.fusion.bearings import find_bearings
+from locate.fusion.bearings import EVERYWHERE, TOO_SLOW, FromRest, find_bearings
+from tests.detect.fluctuating import frames
 
 CAMERA = Camera.pinhole(160, 120, 150.0)
 
@@ -21,7 +23,7 @@ def detection(rng: np.random.Generator, plume: bool) -> Detection:
 
 def test_plume_before_a_still_camera_gives_the_direction_of_its_base() -> None:
     rng = np.random.default_rng(0)
-    (bearing,) = find_bearings([detection(rng, True) for _ in range(10)], CAMERA)
+    (bearing,) = find_bearings([detection(rng, True) for _ in range(10)], CAMERA).bearings
     x, y = CAMERA.project(bearing.direction_in_cam)
     assert abs(x - 100) < 4
     assert 75 < y < 92
@@ -31,4 +33,29 @@ def test_plume_before_a_still_camera_gives_the_direction_of_its_base() -> None:
 
 def test_noise_alone_gives_no_direction() -> None:
     rng = np.random.default_rng(1)
-    assert find_bearings([detection(rng, False) for _ in range(10)], CAMERA) == ()
+    assert find_bearings([detection(rng, False) for _ in range(10)], CAMERA).bearings == ()
+
+
+def in_time(images: list[GreyImage]) -> FromRest:
+    rng = np.random.default_rng(2)
+    silent = [detection(rng, False) for _ in range(10)]
+    return find_bearings(silent, CAMERA, in_a_row=images)
+
+
+def test_what_no_single_frame_shows_is_found_in_time() -> None:
+    found = in_time(frames(0.15))
+    (bearing,) = found.bearings
+    x, y = CAMERA.project(bearing.direction_in_cam)
+    assert abs(x - 102) < 4
+    assert abs(y - 90) < 5
+    assert bearing.displacement_px < 0.15
+    assert found.notes == ()
+
+
+def test_noise_in_time_gives_no_direction() -> None:
+    assert in_time(frames(0.0)) == FromRest(bearings=(), notes=())
+
+
+def test_where_time_tells_nothing_the_reason_is_given() -> None:
+    assert in_time(frames(0.15, count=12)).notes == (TOO_SLOW,)
+    assert in_time(frames(0.15, held=4)) == FromRest(bearings=(), notes=(EVERYWHERE,))

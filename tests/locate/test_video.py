@@ -113,10 +113,20 @@ def test_still_camera_with_a_plume_is_static(tmp_path: Path) -> None:
     for frame in frames:
         region = frame[60:140, 100:150]
         region[:] = np.roll(region, random.integers(-1, 2), axis=1)
-    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path, max_frames=10)
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path, max_frames=20)
     assert kept.static
-    assert len(kept) == 10
+    assert len(kept) == 20
     assert np.diff(kept.times_s).std() < 0.03
+
+
+def test_half_of_a_long_still_video_is_kept_in_a_row(tmp_path: Path) -> None:
+    kept = keep(write_video(tmp_path / "v.mkv", pan([0.0] * 240)), tmp_path, max_frames=40)
+    assert kept.static
+    assert len(kept) == 40
+    assert kept.indices[0] == 0
+    gaps_s = np.diff(kept.times_s)
+    assert np.count_nonzero(gaps_s <= 0.12) >= 19
+    assert gaps_s.max() < 3 * 240 / 15 / 40
 
 
 def test_shaking_tripod_is_not_lost(tmp_path: Path) -> None:

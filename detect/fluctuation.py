@@ -1,0 +1,100 @@
+"""Air before a camera at rest, told from noise by the time it takes.
+
+Noise is new in every frame, and moving air carries its pattern from one frame to the next: the
+covariance of a pixel's displacement with that in the next frame is zero for noise, however strong,
+and positive for air. How large chance makes it, the same frames say in random order. What else
+moves, such as leaves, does not differ from air in this. Video codecs carry noise on as well: then
+hardly any pixel is as low as chance makes it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from detect.differential import Window
+from detect.warp import blur, gradients
+from geometry.arrays import FloatArray, FloatMap, GreyImage
+
+PRESMOOTHING_PX, WINDOW_PX, NOISE = 0.7, 2.0, 1.4
+LIT_ALIKE_PX, DARKEST = 12.0, 4.0
+GREY_LEVELS = 64.0  # what a tone that is e times as bright counts as
+MOST_PX = 3.0
+POOL_PX, CHANCE_POOL_PX = 4.0, 8.0
+DRAWS = 12
+LOW_SHARE, CALM_SHARE = 0.1, 0.55
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fluctuation:
+    """What lasts from frame to frame.
+
+    Attributes:
+        covariance_px2: (H, W) of the displacement with that in the next frame, both components.
+        sigmas: (H, W) by how many standard deviations it is above zero.
+        by_chance: (D, H, W) the same of the frames in random orders.
+    """
+
+    covariance_px2: FloatMap
+    sigmas: FloatMap
+    by_chance: FloatMap
+
+    @classmethod
+    def of(cls, images: Sequence[GreyImage], rng: np.random.Generator) -> Self:
+        """Measures T frames, (H, W) uint8 each, that follow each other closely."""
+        shifts = shifts_px(images)
+        covariance = next_frame_covariance(shifts)
+        drawn = np.stack(
+            [next_frame_covariance(shifts[rng.permutation(len(shifts))]) for _ in range(DRAWS)]
+        )
+        deviation = np.sqrt(blur((drawn**2).mean(axis=0), CHANCE_POOL_PX))
+        deviation = np.maximum(deviation, np.finfo(np.float32).tiny)
+        return cls(
+            covariance_px2=covariance,
+            sigmas=np.asarray(covariance / deviation),
+            by_chance=np.asarray(drawn / deviation),
+        )
+
+    @property
+    def is_everywhere(self) -> bool:
+        """Whether even calm pixels show it, as in compressed video, where noise lasts as well."""
+        low = np.quantile(self.by_chance, LOW_SHARE)
+        return bool((self.sigmas < low).mean() < CALM_SHARE * LOW_SHARE)
+
+
+def shifts_px(images: Sequence[GreyImage]) -> FloatMap:
+    """(T, 2, H, W) displacement of each frame from the mean of all, its own mean over time zero.
+
+    Brightness is taken relative to that of the surroundings, and contrast to that of the frame, so
+    that light may change; shifts of the whole image are taken out. Patterns finer than the window
+    of `WINDOW_PX` are lessened.
+    """
+    tones = [_tone(image) for image in images]
+    usual = np.mean([tone.std() for tone in tones])
+    tones = [tone * (usual / max(float(tone.std()), 1e-6)) for tone in tones]
+    mean = np.mean(tones, axis=0)
+    window = Window(*gradients(mean), WINDOW_PX, NOISE)
+    shifts = np.stack([window.shift_planes(tone - mean) for tone in tones])
+    shifts -= np.median(shifts, axis=(2, 3), keepdims=True)
+    shifts = np.clip(shifts, -MOST_PX, MOST_PX)
+    return np.asarray(shifts - shifts.mean(axis=0))
+
+
+def next_frame_covariance(shifts: FloatMap) -> FloatMap:
+    """(H, W) mean product of (T, 2, H, W) shifts with those of the next frame, pooled, px^2."""
+    products = np.einsum("tchw,tchw->hw", shifts[1:], shifts[:-1]) / (len(shifts) - 1)
+    return blur(products.astype(np.float32), POOL_PX)
+
+
+def _tone(image: GreyImage) -> FloatMap:
+    tone = blur(np.log(image + np.float32(DARKEST)), PRESMOOTHING_PX)
+    return np.asarray(GREY_LEVELS * (tone - blur(tone, LIT_ALIKE_PX)))
+
+
+def in_a_row(times_s: FloatArray, most_s: float) -> slice:
+    """The longest run of frames of which each follows within `most_s` of the one before."""
+    breaks = np.flatnonzero(np.diff(times_s) > most_s) + 1
+    starts, ends = np.r_[0, breaks], np.r_[breaks, len(times_s)]
+    longest = int(np.argmax(ends - starts))
+    return slice(int(starts[longest]), int(ends[longest]))
