@@ -2,12 +2,14 @@
 
     python benchmarks/still_camera.py --photos PHOTOS
     python benchmarks/still_camera.py --photos PHOTOS --kinds wind --seeds 8100 8101
+    python benchmarks/still_camera.py --photos PHOTOS --kinds leak --seeds 8200 --plot still.jpg
 
 Each recording is a random plant filmed from one place: 60 frames of 480x360 in 4 s, with a leak
 of 0.3 to 1 px, without one but with swaying bushes, or with neither. Beside what `locate run`
 reports stands how the fluctuations behave in time where they are strongest: the lowest
 autocorrelation of the displacement (median over pixels), and how much further up than down its
-pattern is met again 0.2 s later, as a share.
+pattern is met again 0.2 s later, as a share. `--plot` draws the frame with the bearings, what lasts
+from frame to frame (white is ten sigmas), and the true displacement.
 """
 
 import argparse
@@ -16,16 +18,20 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from orbit_scenes import render
 
 from detect.bos import temporal_median
 from detect.differential import Window
+from detect.fluctuation import Fluctuation
 from detect.synthesis.raster import photos_in
 from detect.warp import blur, gradients
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 from locate.config import RunConfig
 from locate.evaluate import evaluate
+from locate.evaluate.truth import Truth
 from locate.pipeline import Run
+from locate.plume import PlumeMap
 from locate.simulation import Scene, random_scene
 from locate.video.recording import open_recording
 
@@ -52,14 +58,16 @@ def still_scene(seed: int, *, plume: bool) -> Scene:
     )
 
 
+def small(image: GreyImage) -> GreyImage:
+    size = (WIDTH_PX, image.shape[0] * WIDTH_PX // image.shape[1])
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
 def displacements(images: Sequence[GreyImage]) -> FloatMap:
     """(T, 2, H, W) px of small frames against their temporal median."""
-    height = images[0].shape[0] * WIDTH_PX // images[0].shape[1]
-    small = [
-        cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA) for image in images
-    ]
-    smooth = [blur(image.astype(np.float32), PRESMOOTHING_PX) for image in small]
-    reference = blur(temporal_median(small, len(small)).astype(np.float32), PRESMOOTHING_PX)
+    frames = [small(image) for image in images]
+    smooth = [blur(image.astype(np.float32), PRESMOOTHING_PX) for image in frames]
+    reference = blur(temporal_median(frames, len(frames)).astype(np.float32), PRESMOOTHING_PX)
     window = Window(*gradients(reference), WINDOW_PX, NOISE)
     shifts = np.stack([window.shift_planes(image - reference) for image in smooth])
     shifts -= np.median(shifts, axis=(2, 3), keepdims=True)
@@ -84,7 +92,7 @@ def rise(shifts: FloatMap, where: BoolArray) -> float:
     now, then = (shifts * where)[:-LATER], (shifts * where)[LATER:]
     up = float((now[:, :, FAR_PX:] * then[:, :, :-FAR_PX]).sum())
     down = float((now[:, :, :-FAR_PX] * then[:, :, FAR_PX:]).sum())
-    return (up - down) / float((shifts**2 * where).sum())
+    return (up - down) / max(float((shifts**2 * where).sum()), 1e-12)
 
 
 def judged(folder: Path) -> str:
@@ -101,21 +109,43 @@ def judged(folder: Path) -> str:
     )
 
 
+def picture(folder: Path) -> NDArray[np.uint8]:
+    """(H, 3 W, 3) a frame with its bearings, what lasts, and the truth."""
+    images = [small(f.image) for f in open_recording(folder / "video.mkv").frames()]
+    lasting = Fluctuation.of(images, np.random.default_rng(0)).sigmas
+    truth = Truth.load(folder)
+    squares = [(truth.frame(i).displacement ** 2).sum(axis=-1) for i in range(0, len(images), 4)]
+    true_px = cv2.resize(np.sqrt(np.mean(squares, axis=0)), lasting.shape[::-1])
+    shown = [images[0], 25.5 * lasting, 255 * true_px / max(float(true_px.max()), 1e-9)]
+    panels = [cv2.cvtColor(np.clip(p, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR) for p in shown]
+    camera = truth.trajectory.camera.scaled(lasting.shape[1] / truth.trajectory.camera.width)
+    for bearing in PlumeMap.load(folder / "run" / "map.json").bearings:
+        x, y = np.rint(camera.project(bearing.direction_in_cam)).astype(int).tolist()
+        cv2.drawMarker(panels[0], (x, y), (0, 160, 255), cv2.MARKER_CROSS, 14, 2)
+    return np.hstack(panels)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--photos", type=Path, required=True, help="what the bushes are made of")
     parser.add_argument("--work", type=Path, default=Path("work/still"))
+    parser.add_argument("--plot", type=Path, help="a picture of all recordings, one a row")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     photos = photos_in(arguments.photos, "validation")
+    pictures = []
     for kind in arguments.kinds:
         for seed in arguments.seeds:
             folder = arguments.work / f"{kind}_{seed}"
             scene = still_scene(seed, plume=kind == "leak")
             render(folder, scene, "wind" if kind == "wind" else "", photos)
             print(judged(folder), flush=True)
+            if arguments.plot:
+                pictures.append(picture(folder))
+    if arguments.plot:
+        cv2.imwrite(str(arguments.plot), np.vstack(pictures))
 
 
 if __name__ == "__main__":

@@ -2,9 +2,12 @@
 
 Noise is new in every frame, and moving air carries its pattern from one frame to the next: the
 covariance of a pixel's displacement with that in the next frame is zero for noise, however strong,
-and positive for air. How large chance makes it, the same frames say in random order. What else
-moves, such as leaves, does not differ from air in this. Video codecs carry noise on as well: then
-hardly any pixel is as low as chance makes it.
+and positive for air. How large chance makes it, the same frames say in random order. Video codecs
+carry noise on as well: then hardly any pixel is as low as chance makes it.
+
+Branches and flags move too, but spring back: the autocorrelation of a damped oscillation falls to
+-exp(-pi zeta) half a period later, -0.5 to -0.9 for the damping ratios zeta of trees, where that of
+turbulence fades.
 """
 
 from collections.abc import Sequence
@@ -15,15 +18,16 @@ import numpy as np
 
 from detect.differential import Window
 from detect.warp import blur, gradients
-from geometry.arrays import FloatArray, FloatMap, GreyImage
+from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 
 PRESMOOTHING_PX, WINDOW_PX, NOISE = 0.7, 2.0, 1.4
 LIT_ALIKE_PX, DARKEST = 12.0, 4.0
 GREY_LEVELS = 64.0  # what a tone that is e times as bright counts as
 MOST_PX = 3.0
 POOL_PX, CHANCE_POOL_PX = 4.0, 8.0
-DRAWS = 12
+DRAWS, MOST_LAG = 12, 25
 LOW_SHARE, CALM_SHARE = 0.1, 0.55
+CLEAR, FEWEST_CLEAR, SPRINGING = 0.5, 50, -0.35
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,26 +38,35 @@ class Fluctuation:
         covariance_px2: (H, W) of the displacement with that in the next frame, both components.
         sigmas: (H, W) by how many standard deviations it is above zero.
         by_chance: (D, H, W) the same of the frames in random orders.
+        next_autocorrelation: (H, W) the covariance as a share of the variance, noise and all.
+        lowest_autocorrelation: (H, W) the lowest of all later ones.
     """
 
     covariance_px2: FloatMap
     sigmas: FloatMap
     by_chance: FloatMap
+    next_autocorrelation: FloatMap
+    lowest_autocorrelation: FloatMap
 
     @classmethod
     def of(cls, images: Sequence[GreyImage], rng: np.random.Generator) -> Self:
         """Measures T frames, (H, W) uint8 each, that follow each other closely."""
         shifts = shifts_px(images)
-        covariance = next_frame_covariance(shifts)
+        covariance = autocovariance(shifts, 1)
         drawn = np.stack(
-            [next_frame_covariance(shifts[rng.permutation(len(shifts))]) for _ in range(DRAWS)]
+            [autocovariance(shifts[rng.permutation(len(shifts))], 1) for _ in range(DRAWS)]
         )
+        variance = np.maximum(autocovariance(shifts, 0), np.finfo(np.float32).tiny)
+        later = range(2, min(MOST_LAG, len(shifts) // 2) + 1)
+        lowest = np.min([autocovariance(shifts, lag) for lag in later], axis=0)
         deviation = np.sqrt(blur((drawn**2).mean(axis=0), CHANCE_POOL_PX))
         deviation = np.maximum(deviation, np.finfo(np.float32).tiny)
         return cls(
             covariance_px2=covariance,
             sigmas=np.asarray(covariance / deviation),
             by_chance=np.asarray(drawn / deviation),
+            next_autocorrelation=np.asarray(covariance / variance),
+            lowest_autocorrelation=np.asarray(lowest / variance),
         )
 
     @property
@@ -61,6 +74,13 @@ class Fluctuation:
         """Whether even calm pixels show it, as in compressed video, where noise lasts as well."""
         low = np.quantile(self.by_chance, LOW_SHARE)
         return bool((self.sigmas < low).mean() < CALM_SHARE * LOW_SHARE)
+
+    def springs_back(self, where: BoolArray) -> bool:
+        """Whether what moves in these pixels of (H, W) swings; not where noise hides it."""
+        clear = where & (self.next_autocorrelation > CLEAR)
+        if clear.sum() < FEWEST_CLEAR:
+            return False
+        return bool(np.median(self.lowest_autocorrelation[clear]) < SPRINGING)
 
 
 def shifts_px(images: Sequence[GreyImage]) -> FloatMap:
@@ -81,9 +101,10 @@ def shifts_px(images: Sequence[GreyImage]) -> FloatMap:
     return np.asarray(shifts - shifts.mean(axis=0))
 
 
-def next_frame_covariance(shifts: FloatMap) -> FloatMap:
-    """(H, W) mean product of (T, 2, H, W) shifts with those of the next frame, pooled, px^2."""
-    products = np.einsum("tchw,tchw->hw", shifts[1:], shifts[:-1]) / (len(shifts) - 1)
+def autocovariance(shifts: FloatMap, lag: int) -> FloatMap:
+    """(H, W) mean product of (T, 2, H, W) shifts with those `lag` frames later, pooled, px^2."""
+    count = len(shifts) - lag
+    products = np.einsum("tchw,tchw->hw", shifts[:count], shifts[lag:]) / count
     return blur(products.astype(np.float32), POOL_PX)
 
 

@@ -17,7 +17,7 @@ def test_a_pattern_far_below_the_noise_of_one_frame_shows_in_time() -> None:
 
 def test_its_covariance_is_that_of_the_true_displacement_but_for_the_window() -> None:
     amplitude_px = 0.3
-    found = Fluctuation.of(frames(amplitude_px, noise=0.5), np.random.default_rng(0))
+    found = Fluctuation.of(frames(amplitude_px, noise=0.5, springs=True), np.random.default_rng(0))
     true = amplitude_px**2 / 2 * np.cos(2 * np.pi / PERIOD)
     window = np.exp(-((2 * np.pi * WINDOW_PX / 20) ** 2))
     measured = np.median(found.covariance_px2[40:70, [94, 95, 109, 110]])
@@ -50,3 +50,13 @@ def test_the_longest_run_is_taken() -> None:
     times_s = np.array([0.0, 1.0, 1.1, 1.2, 1.3, 2.0, 2.1, 5.0])
     assert in_a_row(times_s, 0.12) == slice(1, 5)
     assert in_a_row(np.arange(5.0), 0.12) == slice(0, 1)
+
+
+def test_what_swings_in_place_springs_back_and_what_travels_by_does_not() -> None:
+    inside, far = plume(), np.zeros_like(plume())
+    far[:, :60] = True
+    swings = Fluctuation.of(frames(0.3, springs=True), np.random.default_rng(0))
+    passes = Fluctuation.of(frames(0.3), np.random.default_rng(0))
+    assert swings.springs_back(inside)
+    assert not passes.springs_back(inside)
+    assert not swings.springs_back(far)

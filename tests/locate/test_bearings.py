@@ -4,7 +4,8 @@ import numpy as np
 from detect.detection import Detection
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
-from locate.fusion.bearings import EVERYWHERE, TOO_SLOW, FromRest, find_bearings
+from locate.fusion.bearings import FromRest, find_bearings
+from locate.fusion.lasting import EVERYWHERE, TOO_SLOW
 from tests.detect.fluctuating import frames
 
 CAMERA = Camera.pinhole(160, 120, 150.0)
@@ -59,3 +60,9 @@ def test_noise_in_time_gives_no_direction() -> None:
 def test_where_time_tells_nothing_the_reason_is_given() -> None:
     assert in_time(frames(0.15, count=12)).notes == (TOO_SLOW,)
     assert in_time(frames(0.15, held=4)) == FromRest(bearings=(), notes=(EVERYWHERE,))
+
+
+def test_what_springs_back_is_left_out_and_said() -> None:
+    found = in_time(frames(0.3, springs=True))
+    assert found.bearings == ()
+    assert found.notes[0].startswith("One place moves to and fro")

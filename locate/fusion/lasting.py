@@ -1,0 +1,115 @@
+"""Regions before a camera at rest whose displacement lasts from one frame to the next.
+
+They show fluctuations far below the noise of a single frame. What springs back, as branches and
+flags do, is told from air and left out.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.fluctuation import Fluctuation
+from geometry.arrays import BoolArray, FloatMap, GreyImage
+from locate.fusion.null import NullLevel
+from locate.fusion.regions import FALSE_ALARM, Region, connected
+from locate.fusion.views import correlation_area
+
+LASTING_SIGMAS, EVIDENT_SIGMAS = 2.0, 3.5
+GAP_PX, BLURRED_PX = 15, 17
+FEWEST_FRAMES, LEAST_NATS = 24, 20.0
+ONLY_STRONG = "only what single frames show is reported; weaker plumes are missed."
+TOO_SLOW = f"Too few frames follow each other within a tenth of a second: {ONLY_STRONG}"
+EVERYWHERE = (
+    "Something lasts from frame to frame all over the image (the noise of compressed video, or "
+    f"much that moves): {ONLY_STRONG}"
+)
+
+
+class Lasting(NamedTuple):
+    """What lasts.
+
+    Attributes:
+        regions: Those that speak for air.
+        springing: (H, W) where something springs back.
+        notes: What limits this.
+    """
+
+    regions: list[Region]
+    springing: BoolArray
+    notes: tuple[str, ...]
+
+
+def find_lasting(
+    images: Sequence[GreyImage], size: tuple[int, int], rng: np.random.Generator
+) -> Lasting:
+    """Looks at frames by a camera at rest that follow each other closely.
+
+    Args:
+        images: The frames; too few say nothing.
+        size: Width and height of the maps to make of them, px.
+        rng: Of the random orders that say what chance makes.
+    """
+    still = np.zeros(size[::-1], dtype=bool)
+    if len(images) < FEWEST_FRAMES:
+        return Lasting([], still, (TOO_SLOW,))
+    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in images]
+    measured = Fluctuation.of(small, rng)
+    if measured.is_everywhere:
+        return Lasting([], still, (EVERYWHERE,))
+    looks = correlation_area(measured.by_chance)
+    null = NullLevel.fitted([_strongest(sigmas, looks) for sigmas in measured.by_chance])
+    level = max(LEAST_NATS, null.threshold(FALSE_ALARM))
+    strong = [(mask, nats) for mask, nats in _evident(measured.sigmas, looks) if nats >= level]
+    springing = [mask for mask, _ in strong if measured.springs_back(mask)]
+    scale = images[0].shape[1] / size[0]
+    regions = [
+        Region(
+            mask=(sharp := mask & _sharp(measured.sigmas)),
+            nats=nats,
+            false_alarm=null.false_alarm(nats),
+            displacement_px=scale * float(np.sqrt(measured.covariance_px2[sharp].mean())),
+        )
+        for mask, nats in strong
+        if not measured.springs_back(mask)
+    ]
+    notes = (_springing_note(len(springing)),) if springing else ()
+    return Lasting(regions, np.any([still, *springing], axis=0), notes)
+
+
+def _springing_note(count: int) -> str:
+    places = "One place moves" if count == 1 else f"{count} places move"
+    return (
+        f"{places} to and fro as branches and flags do, and no plume is reported there. "
+        "(A flame that puffs regularly does too.)"
+    )
+
+
+def _strongest(sigmas: FloatMap, looks: float) -> float:
+    return max((nats for _, nats in _evident(sigmas, looks)), default=0.0)
+
+
+def _evident(sigmas: FloatMap, looks: float) -> list[tuple[BoolArray, float]]:
+    """Regions above zero, somewhere clearly: mask and nats of each.
+
+    What stands apart by less than `GAP_PX` is one: a plume shows where its background does.
+    """
+    lasting = sigmas > LASTING_SIGMAS
+    joined = cv2.morphologyEx(lasting.astype(np.uint8), cv2.MORPH_CLOSE, _disc(GAP_PX)) > 0
+    return [
+        (mask, float((sigmas[mask] ** 2).sum()) / 2 / looks)
+        for mask in (whole & lasting for whole in connected(joined))
+        if sigmas[mask].max(initial=0.0) > EVIDENT_SIGMAS
+    ]
+
+
+def _sharp(sigmas: FloatMap) -> BoolArray:
+    """(H, W) where pooled sigmas are above half of those around: what was pooled ends there."""
+    return np.asarray(sigmas > cv2.dilate(sigmas, _disc(BLURRED_PX)) / 2)
+
+
+def _disc(width_px: int) -> NDArray[np.uint8]:
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width_px, width_px))
+    return np.asarray(disc, np.uint8)
