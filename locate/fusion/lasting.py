@@ -23,8 +23,8 @@ FEWEST_FRAMES, LEAST_NATS = 24, 20.0
 ONLY_STRONG = "only what single frames show is reported; weaker plumes are missed."
 TOO_SLOW = f"Too few frames follow each other within a tenth of a second: {ONLY_STRONG}"
 EVERYWHERE = (
-    "Something lasts from frame to frame all over the image (the noise of compressed video, or "
-    f"much that moves): {ONLY_STRONG}"
+    "Something lasts from frame to frame all over the image (noise of compressed video, a shaking "
+    f"camera, or much that moves): {ONLY_STRONG}"
 )
 
 
