@@ -22,7 +22,7 @@ from locate.plume import Bearing
 EVIDENT_NATS = 0.25
 SMOOTHING_PX = 1.5
 BASE_SHARE = 0.1
-BASE_SIGMA_PX = 2.0
+EDGE_SIGMA_PX = 2.0
 
 
 class FromRest(NamedTuple):
@@ -71,7 +71,15 @@ def _in_frames(
             continue
         wide = cv2.resize(mask.astype(np.uint8), detections[0].llr.shape[::-1]) > 0
         sizes = [np.linalg.norm(d.displacement[wide], axis=-1).mean() for d in detections]
-        found.append(Region(mask, nats, null.false_alarm(nats), float(np.mean(sizes))))
+        found.append(
+            Region(
+                mask=mask,
+                nats=nats,
+                false_alarm=null.false_alarm(nats),
+                displacement_px=float(np.mean(sizes)),
+                edge_sigma_px=EDGE_SIGMA_PX,
+            )
+        )
     return found
 
 
@@ -93,7 +101,7 @@ def _bearing(region: Region, camera: Camera) -> Bearing:
     rows, columns = np.nonzero(region.mask)
     low = rows >= np.quantile(rows, 1 - BASE_SHARE)
     base: FloatArray = np.array([columns[low].mean(), rows[low].max()])
-    sigma_px = np.hypot(columns[low].std(), BASE_SIGMA_PX)
+    sigma_px = np.hypot(columns[low].std(), region.edge_sigma_px)
     return Bearing(
         direction_in_cam=camera.rays(base),
         sigma_rad=float(sigma_px / camera.focal_px),

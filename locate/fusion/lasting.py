@@ -71,6 +71,7 @@ def find_lasting(
             nats=nats,
             false_alarm=null.false_alarm(nats),
             displacement_px=scale * float(np.sqrt(measured.covariance_px2[sharp].mean())),
+            edge_sigma_px=BLURRED_PX / 2,
         )
         for mask, nats in strong
         if not measured.springs_back(mask)

@@ -18,12 +18,14 @@ class Region(NamedTuple):
         nats: Their evidence.
         false_alarm: Probability that chance makes one as strong anywhere in the image.
         displacement_px: Usual displacement there, px of the original frames.
+        edge_sigma_px: How well it is known where the mask ends, px of it.
     """
 
     mask: BoolArray
     nats: float
     false_alarm: float
     displacement_px: float
+    edge_sigma_px: float
 
 
 def connected(inside: BoolArray) -> list[BoolArray]:
