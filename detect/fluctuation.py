@@ -25,7 +25,7 @@ LIT_ALIKE_PX, DARKEST = 12.0, 4.0
 GREY_LEVELS = 64.0  # what a tone that is e times as bright counts as
 MOST_PX = 3.0
 POOL_PX, CHANCE_POOL_PX = 4.0, 8.0
-DRAWS, MOST_LAG = 12, 25
+DRAWS, MOST_LAG, LEAST_PX2 = 12, 25, 1e-8
 LOW_SHARE, CALM_SHARE = 0.1, 0.55
 CLEAR, FEWEST_CLEAR, SPRINGING = 0.5, 50, -0.35
 
@@ -56,11 +56,11 @@ class Fluctuation:
         drawn = np.stack(
             [autocovariance(shifts[rng.permutation(len(shifts))], 1) for _ in range(DRAWS)]
         )
-        variance = np.maximum(autocovariance(shifts, 0), np.finfo(np.float32).tiny)
+        variance = np.maximum(autocovariance(shifts, 0), LEAST_PX2)
         later = range(2, min(MOST_LAG, len(shifts) // 2) + 1)
         lowest = np.min([autocovariance(shifts, lag) for lag in later], axis=0)
         deviation = np.sqrt(blur((drawn**2).mean(axis=0), CHANCE_POOL_PX))
-        deviation = np.maximum(deviation, np.finfo(np.float32).tiny)
+        deviation = np.maximum(deviation, LEAST_PX2)
         return cls(
             covariance_px2=covariance,
             sigmas=np.asarray(covariance / deviation),
@@ -73,7 +73,7 @@ class Fluctuation:
     def is_everywhere(self) -> bool:
         """Whether even calm pixels show it, as in compressed video, where noise lasts as well."""
         low = np.quantile(self.by_chance, LOW_SHARE)
-        return bool((self.sigmas < low).mean() < CALM_SHARE * LOW_SHARE)
+        return bool(low < 0 and (self.sigmas < low).mean() < CALM_SHARE * LOW_SHARE)
 
     def springs_back(self, where: BoolArray) -> bool:
         """Whether what moves in these pixels of (H, W) swings; not where noise hides it."""

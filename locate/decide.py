@@ -25,7 +25,7 @@ from locate.plume import Plume, PlumeMap
 
 ONE_VIEWPOINT = (
     "The camera stood still: one viewpoint gives directions to plumes, not positions, and what "
-    "moves (leaves, flags, people) passes for one. Move the camera around the scene for a 3D map."
+    "moves by itself (leaves, people) may pass for one. Move the camera around for a 3D map."
 )
 PLUME_RANGE_SHARE = 0.7
 HOTTEST_RISE_K = 2000.0

@@ -30,6 +30,12 @@ def test_noise_alone_says_nothing() -> None:
     assert found.sigmas.max() < 1.5 * found.by_chance.max()
 
 
+def test_a_picture_that_never_changes_says_nothing() -> None:
+    found = Fluctuation.of(frames(0.0, count=1) * 30, np.random.default_rng(0))
+    assert not found.is_everywhere
+    assert np.abs(found.sigmas).max() < 0.01
+
+
 def test_noise_that_stays_for_some_frames_is_noticed() -> None:
     assert Fluctuation.of(frames(0.0, held=4), np.random.default_rng(0)).is_everywhere
 
