@@ -21,7 +21,10 @@ LASTING_SIGMAS, EVIDENT_SIGMAS = 2.0, 3.5
 GAP_PX, BLURRED_PX = 15, 17
 FEWEST_FRAMES, LEAST_NATS = 24, 20.0
 ONLY_STRONG = "only what single frames show is reported; weaker plumes are missed."
-TOO_SLOW = f"Too few frames follow each other within a tenth of a second: {ONLY_STRONG}"
+TOO_SLOW = (
+    f"Fewer than {FEWEST_FRAMES} frames are known to follow each other within a tenth of a second "
+    f"(photos have no times): {ONLY_STRONG}"
+)
 EVERYWHERE = (
     "Something lasts from frame to frame all over the image (noise of compressed video, a shaking "
     f"camera, or much that moves): {ONLY_STRONG}"
