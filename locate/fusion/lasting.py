@@ -65,20 +65,24 @@ def find_lasting(
     looks = correlation_area(measured.by_chance)
     null = NullLevel.fitted([_strongest(sigmas, looks) for sigmas in measured.by_chance])
     level = max(LEAST_NATS, null.threshold(FALSE_ALARM))
-    strong = [(mask, nats) for mask, nats in _evident(measured.sigmas, looks) if nats >= level]
-    springing = [mask for mask, _ in strong if measured.springs_back(mask)]
-    scale = images[0].shape[1] / size[0]
-    regions = [
-        Region(
-            mask=(sharp := mask & _sharp(measured.sigmas)),
-            nats=nats,
-            false_alarm=null.false_alarm(nats),
-            displacement_px=scale * float(np.sqrt(measured.covariance_px2[sharp].mean())),
-            edge_sigma_px=BLURRED_PX / 2,
+    scale, sharp = images[0].shape[1] / size[0], _sharp(measured.sigmas)
+    regions, springing = [], []
+    for mask, nats in _evident(measured.sigmas, looks):
+        if nats < level:
+            continue
+        if measured.springs_back(mask):
+            springing.append(mask)
+            continue
+        inside = mask & sharp
+        regions.append(
+            Region(
+                mask=inside,
+                nats=nats,
+                false_alarm=null.false_alarm(nats),
+                displacement_px=scale * float(np.sqrt(measured.covariance_px2[inside].mean())),
+                edge_sigma_px=BLURRED_PX / 2,
+            )
         )
-        for mask, nats in strong
-        if not measured.springs_back(mask)
-    ]
     notes = (_springing_note(len(springing)),) if springing else ()
     return Lasting(regions, np.any([still, *springing], axis=0), notes)
 
