@@ -108,19 +108,24 @@ def _inside(plume: Plume, points: FloatArray, voxel: float) -> np.ndarray:
 def _report_frames(root: Path, recorded: Recorded, plume_map: PlumeMap) -> list[ReportFrame]:
     _, indices, detections = load_detections(root / "detections")
     rows = recorded.rows(indices)
-    frames, trajectory = recorded.frames(), recorded.undistorted_trajectory()
-    shown = []
-    for k in np.unique(np.linspace(0, len(indices) - 1, SHOWN_FRAMES).astype(int)):
-        row, source_px = int(rows[k]), None
-        if trajectory is not None and plume_map.plumes:
-            sources = np.array([plume.source for plume in plume_map.plumes])
-            source_px = trajectory.project(row, sources)
-        shown.append(
-            ReportFrame(
-                index=indices[k],
-                image=frames.images[row],
-                llr=detections[k].llr,
-                source_px=source_px,
-            )
+    frames = recorded.frames()
+    return [
+        ReportFrame(
+            index=indices[k],
+            image=frames.images[int(rows[k])],
+            llr=detections[k].llr,
+            source_px=_source_px(recorded, int(rows[k]), plume_map),
         )
-    return shown
+        for k in np.unique(np.linspace(0, len(indices) - 1, SHOWN_FRAMES).astype(int))
+    ]
+
+
+def _source_px(recorded: Recorded, row: int, plume_map: PlumeMap) -> FloatArray | None:
+    """(K, 2) where the sources, or the bearings of a camera at rest, are in a frame."""
+    trajectory = recorded.undistorted_trajectory()
+    if trajectory is None and plume_map.bearings:
+        directions = np.array([bearing.direction_in_cam for bearing in plume_map.bearings])
+        return recorded.camera.undistorted().project(directions)
+    if trajectory is not None and plume_map.plumes:
+        return trajectory.project(row, np.array([plume.source for plume in plume_map.plumes]))
+    return None

@@ -19,6 +19,8 @@ from locate.config import RunConfig
 from locate.pipeline import Run
 from locate.plume import PlumeMap
 from locate.sample import SAMPLE, SAMPLE_VIDEO
+from locate.video.writer import LOSSLESS, open_video
+from tests.detect.fluctuating import frames
 
 FRAMES = "14"
 MID_STAGE = {"poses": "sfm/database.db", "detections": "detections/*.npz"}
@@ -121,6 +123,19 @@ def test_given_poses_make_a_metric_map(tmp_path: Path) -> None:
     truth = json.loads((SAMPLE / "truth.json").read_text())["plumes"][0]["source"]
     (plume,) = plume_map.plumes
     assert np.linalg.norm(plume.source - truth) < 0.03 * 8.5
+
+
+def test_a_still_video_gives_a_direction_and_marks_it(tmp_path: Path) -> None:
+    images = frames(0.15)
+    size = (images[0].shape[1], images[0].shape[0])
+    with open_video(tmp_path / "still.mkv", size=size, fps=15, codec=LOSSLESS) as video:
+        for image in images:
+            video.write(image)
+    result = locate("run", tmp_path / "still.mkv", "-o", tmp_path / "run")
+    assert result.returncode == 0, result.stderr
+    (bearing,) = PlumeMap.load(tmp_path / "run" / "map.json").bearings
+    assert bearing.displacement_px < 0.15
+    assert "<circle" in (tmp_path / "run" / "report.html").read_text()
 
 
 def bad(result: subprocess.CompletedProcess[str], code: int, *words: str) -> None:

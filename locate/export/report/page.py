@@ -25,7 +25,7 @@ class ReportFrame:
         index: Index in the video.
         image: (H, W) uint8.
         llr: (H, W) evidence in nats, of any size with the same aspect.
-        source_px: (K, 2) where the sources of the plumes project to; None for no mark.
+        source_px: (K, 2) where sources or bearings project to; None for no mark.
     """
 
     index: int
