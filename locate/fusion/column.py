@@ -75,10 +75,11 @@ def sums(
     Returns:
         (V, N) sum of the llr, nats, and (V, N) number of looks that say anything.
     """
+    nats, looks = np.empty((2, len(views), len(columns)))
+    if not len(columns):
+        return nats, looks
     outlines = _Outlines.of(columns, along)
     across_axis = np.linspace(-1, 1, across, dtype=np.float32)
-    nats = np.empty((len(views), len(columns)))
-    looks = np.empty_like(nats)
     at_once = max(1, SAMPLES_AT_ONCE // max(1, len(columns) * along * across))
     for start in range(0, len(views), at_once):
         rows = slice(start, start + at_once)
@@ -148,7 +149,8 @@ def _sums_of(
 
 def _looked_up(maps: FloatMap, x: FloatMap, y: FloatMap, *, outside: float) -> FloatMap:
     """(V, A, S, N) values of (V, H, W) maps at the pixels nearest to x and y."""
-    found = np.empty((len(x), x[0].size // x.shape[-1], x.shape[-1]), np.float32)
+    views, across, along, columns = x.shape
+    found = np.empty((views, across * along, columns), np.float32)
     for image, at_x, at_y, out in zip(
         maps, x.reshape(found.shape), y.reshape(found.shape), found, strict=True
     ):
