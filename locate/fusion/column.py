@@ -80,7 +80,7 @@ def sums(
         return nats, looks
     outlines = _Outlines.of(columns, along)
     across_axis = np.linspace(-1, 1, across, dtype=np.float32)
-    at_once = max(1, SAMPLES_AT_ONCE // max(1, len(columns) * along * across))
+    at_once = max(1, SAMPLES_AT_ONCE // (len(columns) * along * across))
     for start in range(0, len(views), at_once):
         rows = slice(start, start + at_once)
         nats[rows], looks[rows] = _sums_of(views, rows, outlines, across_axis)
