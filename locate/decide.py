@@ -9,6 +9,7 @@ from scipy.special import expit
 
 from detect import fluctuation
 from detect.detection import Detection
+from geometry.covariance import sigma_along
 from geometry.grid import EvidenceGrid
 from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
@@ -136,7 +137,7 @@ def silence_notes(found: Sequence[Detection], detector: str) -> list[str]:
 
 def hidden_note(plume: Plume, unit_name: str) -> str:
     """Where along its axis a hidden source may be, from 2 sigma below to where evidence begins."""
-    below = 2 * float(np.sqrt(plume.axis @ plume.source_covariance @ plume.axis))
+    below = 2 * sigma_along(plume.source_covariance, plume.axis)
     above = max(0.0, min(plume.extent_low, below))
     return (
         f"Something stands before the source of plume {plume.id}: along the axis it lies between "

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from geometry.arrays import FloatArray
+from geometry.covariance import principal_sigmas
 from geometry.errors import BadInputError
 from locate.map_schema import SCHEMA, RefractiveIndex, checked_fields
 from locate.plain import plain
@@ -66,8 +67,7 @@ class Plume:
     @property
     def principal_sigmas(self) -> FloatArray:
         """(3,) 1-sigma of the source along its principal axes, largest first, in world units."""
-        variances = np.linalg.eigvalsh(self.source_covariance)[::-1]
-        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
+        return principal_sigmas(self.source_covariance)
 
     def points_on_axis(self, distances: FloatArray) -> FloatArray:
         """(K, 3) world points at (K,) distances along the axis from the source."""

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
+from geometry.covariance import principal_sigmas, standard_deviations
 from geometry.errors import BadInputError
 from geometry.georeference.constraints import TANGENT, direction_jacobian, point_jacobian
 from geometry.similarity import Similarity
@@ -62,12 +63,12 @@ class Alignment:
     @property
     def scale_sigma(self) -> float:
         """Relative standard deviation of the scale."""
-        return float(np.sqrt(self.covariance[6, 6]))
+        return float(standard_deviations(self.covariance)[6])
 
     @property
     def tilt_sigma_rad(self) -> float:
         """Standard deviation of the direction of up about its worse axis."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+        return float(principal_sigmas(self.covariance[:2, :2])[0])
 
     def position_covariances(self, points_in_target: FloatArray) -> FloatArray:
         """(N, 3, 3) that the transform adds to (N, 3) target points, J C J^T, m squared."""
@@ -77,7 +78,8 @@ class Alignment:
     def direction_sigma_rad(self, direction_in_target: FloatArray) -> float:
         """What the transform adds to the sigma of a unit direction, mean of its two axes."""
         jacobian = direction_jacobian(direction_in_target)
-        return float(np.sqrt(np.trace(jacobian @ self.covariance @ jacobian.T) / 2))
+        variance = np.trace(jacobian @ self.covariance @ jacobian.T) / 2
+        return float(np.sqrt(max(variance, 0.0)))
 
     def to_dict(self) -> dict[str, Any]:
         """The keys of the ``georeference`` block of map.json that say how good it is."""

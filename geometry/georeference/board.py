@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from geometry.arrays import FloatArray, GreyImage
+from geometry.covariance import split_information, standard_deviations
 from geometry.errors import BadInputError
 from geometry.georeference.constraints import Scale, moved
 from geometry.georeference.lengths import nearest_point
@@ -126,7 +127,7 @@ def scale_from_board(
     return Scale(
         name=name,
         metres_per_unit=1 / scene_from_board.scale,
-        sigma_log=float(np.hypot(np.sqrt(covariance[6, 6]), size_sigma)),
+        sigma_log=float(np.hypot(standard_deviations(covariance)[6], size_sigma)),
     )
 
 
@@ -152,7 +153,9 @@ def _cluster_covariance(
         [j.T @ r for j, r in zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True)]
     )
     n = len(sightings)
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    inverse, unknown = split_information(jacobian.T @ jacobian)
+    if unknown.size:
+        raise np.linalg.LinAlgError("the sightings leave the board's place free")
     few = n / (n - 1) * residuals.size / max(residuals.size - 7, 1)
     return np.asarray(few * inverse @ (slopes.T @ slopes) @ inverse)
 

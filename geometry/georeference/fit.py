@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from geometry.covariance import principal_sigmas, standard_deviations
 from geometry.errors import BadInputError
 from geometry.georeference.alignment import Alignment, SourceReport
 from geometry.georeference.constraints import Constraint, Positions, Scale, Up
@@ -67,7 +68,7 @@ def _check_enough(constraints: Sequence[Constraint]) -> None:
 def _check_strength(solution: Solution, constraints: Sequence[Constraint]) -> None:
     """Refuses an answer so weak that its linear covariance means nothing."""
     covariance, names = solution.covariance, _names(constraints)
-    turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+    turn = float(principal_sigmas(covariance[:3, :3])[0])
     if not turn < MAX_ROTATION_SIGMA_RAD:
         cure = (
             "move more sideways"
@@ -78,7 +79,7 @@ def _check_strength(solution: Solution, constraints: Sequence[Constraint]) -> No
             f"{names}: the direction of up and north is known only to {np.degrees(turn):.0f} deg; "
             + cure
         )
-    scale = float(np.sqrt(covariance[6, 6]))
+    scale = float(standard_deviations(covariance)[6])
     if not scale < MAX_SCALE_SIGMA:
         raise BadInputError(
             f"{names}: the scale is known only to {100 * scale:.0f} %; "
@@ -99,7 +100,7 @@ def _check_agreement(one: Constraint, rest: Sequence[Constraint]) -> None:
         return
     residuals, jacobian = one.residuals(solution.similarity), one.jacobian(solution.similarity)
     expected = np.eye(len(residuals)) + jacobian @ solution.covariance @ jacobian.T
-    sigmas = float(np.sqrt(residuals @ np.linalg.solve(expected, residuals)))
+    sigmas = float(np.sqrt(max(residuals @ np.linalg.solve(expected, residuals), 0.0)))
     if sigmas > CONTRADICTION_SIGMAS and _matters(one, residuals):
         raise BadInputError(
             f"{_says(one, solution)}: {sigmas:.0f} sigma apart; "
@@ -114,7 +115,7 @@ def _matters(one: Up | Scale, residuals: np.ndarray) -> bool:
 
 
 def _says(one: Up | Scale, solution: Solution) -> str:
-    similarity, sigmas = solution.similarity, np.sqrt(np.diag(solution.covariance))
+    similarity, sigmas = solution.similarity, standard_deviations(solution.covariance)
     if isinstance(one, Scale):
         return (
             f"{one.name} says {one.metres_per_unit:.4g} m per unit (+- {100 * one.sigma_log:.2g} "

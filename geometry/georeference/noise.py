@@ -98,7 +98,8 @@ def estimate_noise(
     likelihood = np.exp(logs - logs.max())
     shares = likelihood / likelihood.sum() * variances
     mixed = np.einsum("m,mij->ij", shares, np.array(correlations))
-    effective = n * np.trace(mixed) / mixed.sum()
+    total = mixed.sum()  # 0 where the fixes fit exactly
+    effective = n * np.trace(mixed) / total if total > 0 else n
     return Noise(
         level=float(np.sqrt(shares.sum())),
         covariance=mixed,

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from geometry.arrays import FloatArray
+from geometry.covariance import split_information
 from geometry.georeference.channel import HORIZONTAL, VERTICAL, Channel
 from geometry.georeference.constraints import Constraint, Positions, Scale, Up, moved
 from geometry.georeference.start import least_median, turned_upright
@@ -14,6 +15,8 @@ from geometry.similarity import Similarity
 
 MAX_ROUNDS = 30
 CONVERGED = 1e-3
+UNKNOWN_VARIANCE = 1e12
+"""Along what the constraints leave free, in units of what one fix tells; anything huge will do."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +114,10 @@ def _covariance(
     for other in others:
         jacobian = other.jacobian(similarity) @ free
         terms.append((jacobian.T @ jacobian, jacobian.T @ jacobian))
-    inverse = np.linalg.inv(np.sum([term[0] for term in terms], axis=0))
-    covariance = free @ inverse @ np.sum([term[1] for term in terms], axis=0) @ inverse @ free.T
+    inverse, unknown = split_information(np.sum([term[0] for term in terms], axis=0))
+    spread = inverse @ np.sum([term[1] for term in terms], axis=0) @ inverse
+    spread += UNKNOWN_VARIANCE * unknown @ unknown.T
+    covariance = free @ spread @ free.T
     shared = [c.positions.shared_sigma_m for c in channels if c.axes == HORIZONTAL]
     covariance[3:6, 3:6] += np.diag(np.square(np.reshape(shared, (-1, 3))).sum(axis=0))
     if not np.isfinite(covariance).all():

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from geometry.arrays import FloatArray
+from geometry.covariance import standard_deviations
 from geometry.georeference import Georeference, HeightDatum
 from locate.plume import Plume, PlumeMap
 
@@ -47,7 +48,7 @@ class LocatedPlume:
     @property
     def sentence(self) -> str:
         """What a person wants to read beside the point."""
-        east, north, up = np.sqrt(np.diag(self.plume.source_covariance))
+        east, north, up = standard_deviations(self.plume.source_covariance)
         return (
             f"Source {self.height_m:.1f} m above {self.datum}; 1 sigma {east:.2g} m east, "
             f"{north:.2g} m north, {up:.2g} m up; probability {self.plume.probability:.3f}"
@@ -56,7 +57,7 @@ class LocatedPlume:
     def properties(self) -> dict[str, Any]:
         """Plain values under the names of docs/files.md."""
         plume = self.plume
-        east, north, up = np.sqrt(np.diag(plume.source_covariance)).tolist()
+        east, north, up = standard_deviations(plume.source_covariance).tolist()
         return {
             "plume": plume.id,
             "height_m": self.height_m,

@@ -105,7 +105,8 @@ def agreeing(axes: Sequence[AxisEstimate]) -> BoolArray:
     """
     alike = [axis.counted_from(axes[0].lowest) for axis in axes]
     lines = np.stack([axis.line for axis in alike])
-    sigmas = np.sqrt(np.median([axis.covariance.diagonal() for axis in alike], axis=0))
+    variances = np.median([axis.covariance.diagonal() for axis in alike], axis=0)
+    sigmas = np.sqrt(np.maximum(variances, 0.0))
     near = (np.abs(lines - np.median(lines, axis=0)) < OUTLYING_SIGMAS * sigmas).all(axis=1)
     return near if near.any() else np.ones(len(axes), dtype=bool)
 

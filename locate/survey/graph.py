@@ -14,6 +14,7 @@ import numpy as np
 from gtsam.symbol_shorthand import D, H, T
 
 from geometry.arrays import FloatArray, IntArray
+from geometry.covariance import standard_deviations
 from locate.survey.frame import Offset, Seen
 
 DRIFT_PRIOR_M = 10.0
@@ -132,7 +133,7 @@ def _read(
         offsets=np.reshape([solution.at(T(f)) for f in range(flights)], (-1, 7)),
         covariances=between[each, :, each],
         drift_m=float(solution.at(D(0))[0]),
-        drift_sigma_m=float(np.sqrt(full[0, 0])),
+        drift_sigma_m=float(standard_deviations(full)[0]),
     )
     positions = np.reshape([solution.at(H(k)) for k in range(hotspots)], (-1, 3))
     return Solved(positions=positions, joint=joint, weights=weights, common=common)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from geometry.arrays import FloatArray
+from geometry.covariance import standard_deviations
 from geometry.georeference import Georeference
 from locate.export.geopackage import (
     WGS84_2D,
@@ -61,7 +62,7 @@ def _add_points(
 def _sighting_fields(survey: Survey) -> list[dict[str, Any]]:
     rows = []
     for one in survey.sightings:
-        east, north, up = np.sqrt(np.diag(one.covariance)).tolist()
+        east, north, up = standard_deviations(one.covariance).tolist()
         rows.append(
             {
                 "flight": one.flight,

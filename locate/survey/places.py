@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.covariance import standard_deviations
 from locate.export.located import LocatedPlume, located
 from locate.plume import Plume, PlumeMap
 from locate.survey.findings import Hotspot
@@ -26,7 +27,7 @@ class LocatedHotspot(LocatedPlume):
     def sentence(self) -> str:
         """What a pilot wants to read beside the point."""
         total = self.hotspot.occurrence[0]
-        east, north, _ = np.sqrt(np.diag(self.plume.source_covariance))
+        east, north, _ = standard_deviations(self.plume.source_covariance)
         return (
             f"Seen by {total.seen:.0f} of {total.looked:.0f} flights that looked; there with "
             f"probability {total.probability:.2f} ({total.low:.2f} to {total.high:.2f}); 1 sigma "
@@ -36,7 +37,7 @@ class LocatedHotspot(LocatedPlume):
     def properties(self) -> dict[str, Any]:
         """Plain values under the names of docs/survey.md."""
         spot, total = self.hotspot, self.hotspot.occurrence[0]
-        east, north, up = np.sqrt(np.diag(self.plume.source_covariance)).tolist()
+        east, north, up = standard_deviations(self.plume.source_covariance).tolist()
         return {
             "hotspot": spot.id,
             "height_m": self.height_m,
