@@ -22,7 +22,7 @@ def principal_sigmas(covariance: FloatArray) -> FloatArray:
 
 def sigma_along(covariance: FloatArray, direction: FloatArray) -> float:
     """Standard deviation of an (N, N) covariance along an (N,) unit vector."""
-    return float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+    return float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
 
 
 def split_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,13 +1,26 @@
 """One thread for linear algebra: sums come in one order, whatever the machine has to do."""
 
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
 from threadpoolctl import threadpool_limits
 
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 
-def single_blas_thread() -> threadpool_limits:
-    """A context manager in which every BLAS library that is loaded uses one thread.
 
-    BLAS splits a sum among its threads, so their number changes the last digits. The matrices here
-    are small: one thread is as fast. It holds for the whole process until the context is left, or
-    for good where it is never entered.
+def with_one_blas_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """The function, with every BLAS library of the process held to one thread while it runs.
+
+    BLAS splits a sum among its threads, so their number changes the last digits of the result, and
+    iterations and thresholds enlarge that. Our matrices are small: one thread is as fast. OpenCV's
+    results do not depend on its threads, COLMAP is given one where they do.
     """
-    return threadpool_limits(limits=1, user_api="blas")
+
+    @wraps(function)
+    def limited(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited

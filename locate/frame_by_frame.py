@@ -13,10 +13,12 @@ from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
+from geometry.removal import remove_inside
+from geometry.threads import with_one_blas_thread
 from locate.frame_files import FrameFiles
 from locate.journal import Report, silent
 from locate.pictures import displacement_picture, overlay, save_png
-from locate.run_folder import remove, replace_text
+from locate.run_folder import replace_text
 from locate.video.recording import ANY_SIDE, open_recording
 from locate.video.writer import open_video
 
@@ -55,6 +57,7 @@ class Seen:
         )
 
 
+@with_one_blas_thread
 def look(
     path: Path,
     output: Path,
@@ -148,7 +151,7 @@ def _claimed(output: Path) -> Iterator[Path]:
                 "choose another folder with -o"
             )
         for name in (*FOLDERS, VIDEO, WORKSHOP):
-            remove(output / name)
+            remove_inside(output, name)
         replace_text(output / INDEX, json.dumps({"schema": SCHEMA, "frames": []}))
         for name in (*FOLDERS, WORKSHOP):
             (output / name).mkdir()
@@ -159,7 +162,7 @@ def _claimed(output: Path) -> Iterator[Path]:
     try:
         yield output / WORKSHOP
     finally:
-        remove(output / WORKSHOP)
+        remove_inside(output, WORKSHOP)
 
 
 def _is_ours(index: Path) -> bool:

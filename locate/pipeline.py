@@ -11,6 +11,7 @@ from geometry.errors import BadInputError, RegistrationError, RegistrationFailur
 from geometry.named_poses import NamedPoses, read_camera, resized
 from geometry.pose_files import read_named_poses
 from geometry.sfm import reconstruct
+from geometry.threads import with_one_blas_thread
 from geometry.trajectory import Trajectory
 from locate.config import RunConfig
 from locate.decide import METHOD, decide
@@ -77,6 +78,7 @@ class Run:
         elif config.weights is not None or config.detector == "dybs":
             single_frame_detector(config.weights)
 
+    @with_one_blas_thread
     def run(self) -> PlumeMap:
         """Does what is left to do, and returns the map.
 
@@ -92,6 +94,7 @@ class Run:
         self.folder.withdraw_others()
         return PlumeMap.load(self.root / "map.json")
 
+    @with_one_blas_thread
     def prepare(self, *, poses: bool = True, share: tuple[int, int] | None = None) -> None:
         """Does a part of what `run` does; `run` does the rest.
 

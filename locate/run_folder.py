@@ -4,23 +4,59 @@ import hashlib
 import json
 import logging
 import os
-import shutil
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
 import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
+from geometry.removal import is_plain_name, path_inside, remove_inside
 from locate import __version__
 from locate.export.report import StageTime
 
 SCHEMA = "locate.run/1"
 CONFIG, LOG = "config.yaml", "log.jsonl"
-HIDDEN = (".partial", ".stages")
+PARTIAL, STAMPS = ".partial", ".stages"
+HIDDEN = (PARTIAL, STAMPS)
 log = logging.getLogger("locate")
+
+
+def _checked_output(name: str) -> str:
+    if not is_plain_name(name) or name.startswith(".") or name in (CONFIG, LOG):
+        raise ValueError(f"{name!r} is not the name of a stage's file")
+    return name
+
+
+class Stamp(BaseModel):
+    """What is remembered of a finished stage.
+
+    Attributes:
+        fingerprint: Of all that its result depends on.
+        outputs: Names of what it left, each directly below the run folder.
+        time: What it cost.
+    """
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    fingerprint: str
+    outputs: list[Annotated[str, AfterValidator(_checked_output)]]
+    time: StageTime
+
+    def save(self, path: Path) -> None:
+        """Writes the stamp, whole or not at all."""
+        replace_text(path, self.model_dump_json(indent=1))
+
+    @classmethod
+    def load(cls, path: Path) -> Self | None:
+        """Reads what `save` wrote; None where there is no stamp, or none that can be trusted."""
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except (OSError, ValidationError):
+            return None
 
 
 class RunFolder:
@@ -48,6 +84,8 @@ class RunFolder:
         try:
             root.mkdir(parents=True, exist_ok=True)
             self._claim()
+            for name in (*HIDDEN, CONFIG, LOG):
+                path_inside(root, name)
             for hidden in HIDDEN:
                 (root / hidden).mkdir(exist_ok=True)
         except OSError as error:
@@ -100,10 +138,10 @@ class RunFolder:
         """
         fingerprint = self._fingerprint(name, after, inputs)
         self._done.add(name)
-        stamp_path = self.root / ".stages" / f"{name}.json"
+        stamp_path = self.root / STAMPS / f"{name}.json"
         stamp = self._standing(stamp_path, fingerprint)
         if stamp is not None:
-            self.times.append(StageTime(**stamp["time"]))
+            self.times.append(stamp.time)
             log.info("skipped, its result stands", extra={"stage": name})
             return
         self._withdraw(stamp_path)
@@ -119,8 +157,7 @@ class RunFolder:
             note=note,
         )
         self.times.append(spent)
-        content = {"fingerprint": fingerprint, "outputs": outputs, "time": vars(spent)}
-        replace_text(stamp_path, json.dumps(content, indent=1))
+        Stamp(fingerprint=fingerprint, outputs=outputs, time=spent).save(stamp_path)
         log.info(note, extra={"stage": name, "wall_s": spent.wall_s, "cpu_s": spent.cpu_s})
 
     def begin(
@@ -140,7 +177,7 @@ class RunFolder:
             build: Writes some of the stage's files into the folder it is given.
         """
         fingerprint = self._fingerprint(name, after, inputs)
-        if self._standing(self.root / ".stages" / f"{name}.json", fingerprint) is None:
+        if self._standing(self.root / STAMPS / f"{name}.json", fingerprint) is None:
             build(self._partial(name, fingerprint))
 
     def _fingerprint(self, name: str, after: tuple[str, ...], inputs: Mapping[str, object]) -> str:
@@ -150,59 +187,42 @@ class RunFolder:
         self._fingerprints[name] = fingerprint
         return fingerprint
 
-    def _standing(self, stamp_path: Path, fingerprint: str) -> dict[str, Any] | None:
-        if self._force or not stamp_path.is_file():
+    def _standing(self, stamp_path: Path, fingerprint: str) -> Stamp | None:
+        stamp = None if self._force else Stamp.load(stamp_path)
+        if stamp is None or stamp.fingerprint != fingerprint:
             return None
-        stamp = self._read_stamp(stamp_path)
-        whole = all((self.root / output).exists() for output in stamp["outputs"])
-        return stamp if whole and stamp["fingerprint"] == fingerprint else None
-
-    def _read_stamp(self, path: Path) -> dict[str, Any]:
-        try:
-            stamp = json.loads(path.read_text())
-            return {name: stamp[name] for name in ("fingerprint", "outputs", "time")}
-        except (ValueError, KeyError, TypeError):
-            return {"fingerprint": "", "outputs": [], "time": {}}
+        return stamp if all((self.root / name).exists() for name in stamp.outputs) else None
 
     def _withdraw(self, stamp_path: Path) -> None:
         """Removes what an earlier run of a stage left, so that no stale file outlives it."""
-        if not stamp_path.is_file():
-            return
-        outputs = self._read_stamp(stamp_path)["outputs"]
-        stamp_path.unlink()
-        for name in outputs:
-            remove(self.root / name)
+        stamp = Stamp.load(stamp_path)
+        remove_inside(stamp_path.parent, stamp_path.name)
+        for name in [] if stamp is None else stamp.outputs:
+            remove_inside(self.root, name)
 
     def withdraw_others(self) -> None:
         """Removes the results of stages that an earlier run had and this one has not."""
-        for stamp_path in (self.root / ".stages").glob("*.json"):
+        for stamp_path in (self.root / STAMPS).glob("[!.]*.json"):
             if stamp_path.stem not in self._done:
                 self._withdraw(stamp_path)
 
     def _partial(self, name: str, fingerprint: str) -> Path:
         """The stage's workshop, kept where it was left by the same stage with the same inputs."""
-        mine = self.root / ".partial" / f"{name}-{fingerprint[:12]}"
-        for other in (self.root / ".partial").glob(f"{name}-*"):
-            if other != mine or self._force:
-                shutil.rmtree(other)
+        mine = self.root / PARTIAL / f"{name}-{fingerprint[:12]}"
+        for other in (self.root / PARTIAL).glob(f"{name}-*"):
+            linked = any(path.is_symlink() for path in (other, *other.rglob("*")))
+            if other != mine or self._force or linked:
+                remove_inside(other.parent, other.name)
         mine.mkdir(exist_ok=True)
         return mine
 
     def _publish(self, partial: Path) -> list[str]:
         names = sorted(path.name for path in partial.iterdir())
         for name in names:
-            remove(self.root / name)
+            remove_inside(self.root, name)
             (partial / name).replace(self.root / name)
         partial.rmdir()
         return names
-
-
-def remove(path: Path) -> None:
-    """Removes a file or a folder, if it is there."""
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
 
 
 def cpu_seconds() -> float:

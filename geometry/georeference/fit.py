@@ -100,7 +100,7 @@ def _check_agreement(one: Constraint, rest: Sequence[Constraint]) -> None:
         return
     residuals, jacobian = one.residuals(solution.similarity), one.jacobian(solution.similarity)
     expected = np.eye(len(residuals)) + jacobian @ solution.covariance @ jacobian.T
-    sigmas = float(np.sqrt(max(residuals @ np.linalg.solve(expected, residuals), 0.0)))
+    sigmas = float(np.sqrt(max(float(residuals @ np.linalg.solve(expected, residuals)), 0.0)))
     if sigmas > CONTRADICTION_SIGMAS and _matters(one, residuals):
         raise BadInputError(
             f"{_says(one, solution)}: {sigmas:.0f} sigma apart; "

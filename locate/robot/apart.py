@@ -18,6 +18,7 @@ import cv2
 
 from detect.detection import Detection, Detector, Frames
 from geometry.errors import BadInputError
+from geometry.threads import with_one_blas_thread
 from locate.detectors import make_detector
 from locate.fusion.views import Views
 from locate.robot.drift import SharedError
@@ -161,6 +162,7 @@ def _answer(call: Callable[..., Any], given: Sequence[Any]) -> Any:
         return RuntimeError(traceback.format_exc())
 
 
+@with_one_blas_thread
 def main() -> None:
     """Such a process; its pipe is the file descriptor that it was told."""
     cv2.setNumThreads(1)

@@ -6,6 +6,7 @@ from typing import Any
 
 from detect.detection import Detector
 from geometry.errors import BadInputError
+from geometry.threads import with_one_blas_thread
 from locate.journal import Report, silent
 from locate.plume import PlumeMap
 from locate.robot.bag_results import write_updates
@@ -15,6 +16,7 @@ from locate.robot.tracks import Update
 from locate.robot.wiring import Wiring
 
 
+@with_one_blas_thread
 def locate_in_bag(
     path: Path,
     output: Path,

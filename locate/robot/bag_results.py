@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geometry.errors import BadInputError
+from geometry.removal import remove_inside
 from locate.plume import PlumeMap
 from locate.robot.announcer import Announcer, type_of
 from locate.robot.bags import is_bag
 from locate.robot.messages import Messages
 from locate.robot.tracks import State, Update
-from locate.run_folder import remove
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -39,7 +39,7 @@ def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> 
         raise BadInputError(f"{folder}: is not a bag; remove it or choose another output")
     types = get_typestore(Stores.LATEST)
     messages = Messages(types.types.__getitem__, frame_id, octets=np.ascontiguousarray)
-    remove(folder)
+    remove_inside(folder.parent, folder.name)
     connections: dict[str, Connection] = {}
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
 
@@ -65,7 +65,7 @@ def write_map(folder: Path, plume_map: PlumeMap, *, frame_id: str, stamp_ns: int
         frame_id: Of that world.
         stamp_ns: Of the last frame.
     """
-    remove(folder)
+    remove_inside(folder.parent, folder.name)
     updates = [
         Update(plume=plume, state=State.CONFIRMED, stamp_ns=stamp_ns) for plume in plume_map.plumes
     ]

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from geometry.threads import with_one_blas_thread
 from locate.detectors import clutter_nats
 from locate.fusion.fuse import fuse
 from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
@@ -60,6 +61,7 @@ class Search:
         self._rng = np.random.default_rng(settings.seed)
         self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
 
+    @with_one_blas_thread
     def search(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
     ) -> list[Follower]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.threads import with_one_blas_thread
 from locate import __version__
 from locate.journal import Report, silent
 from locate.plume import Plume
@@ -30,6 +31,7 @@ SURVEY, FLIGHTS, LOOKS = "survey.json", "flights", "looks"
 log = logging.getLogger("locate")
 
 
+@with_one_blas_thread
 def survey(
     given: Sequence[Path],
     output: Path,

@@ -62,7 +62,7 @@ def _add_points(
 def _sighting_fields(survey: Survey) -> list[dict[str, Any]]:
     rows = []
     for one in survey.sightings:
-        east, north, up = standard_deviations(one.covariance).tolist()
+        east, north, up = standard_deviations(np.array(one.covariance)).tolist()
         rows.append(
             {
                 "flight": one.flight,

@@ -2,19 +2,26 @@
 
 import json
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
 from geometry.atomic import replacing
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
+from geometry.removal import is_plain_name
 from locate import __version__
 from locate.config import DetectorName, RunConfig
 from locate.plume import PlumeMap
 from locate.survey.findings import Block, Hotspot, Sighting, Wind
 
 SCHEMA = "locate.survey/1"
+
+
+def _checked_flight_name(name: str) -> str:
+    if not is_plain_name(name):
+        raise ValueError("a flight's name is that of one file: no / in it")
+    return name
 
 
 class Settings(Block):
@@ -84,7 +91,7 @@ class Flight(Block):
         path_lon_lat: Some of the places the camera was at, WGS84.
     """
 
-    name: str
+    name: Annotated[str, AfterValidator(_checked_flight_name)]
     source: Path
     folder: Path
     digest: str

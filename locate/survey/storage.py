@@ -9,6 +9,7 @@ from typing import Any
 
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
+from geometry.removal import path_inside
 from locate.run_folder import digest
 from locate.survey.engine import LOCAL, map_flights
 from locate.telemetry.read import SIDECARS
@@ -56,7 +57,7 @@ class Fetch:
                 for path in files.ls(str(PurePosixPath(root).parent), detail=False):
                     name = PurePosixPath(path).name
                     if name == PurePosixPath(root).name or name.lower() in beside:
-                        _pull_file(files, path, files.size(path), target / name)
+                        _pull_file(files, path, files.size(path), path_inside(target, name))
         found = target / PurePosixPath(root).name
         if not found.exists():
             raise BadInputError(f"{address}: nothing is there")
@@ -119,14 +120,16 @@ def pull(files: Any, root: str, target: Path) -> None:
     """Copies a folder of an fsspec file system here; files of the same size stay."""
     if files.exists(root):
         for path, about in files.find(root, detail=True).items():
-            _pull_file(files, path, about["size"], target / PurePosixPath(path).relative_to(root))
+            inside = path_inside(target, str(PurePosixPath(path).relative_to(root)))
+            _pull_file(files, path, about["size"], inside)
 
 
 def push(folder: Path, files: Any, root: str) -> None:
     """Makes a folder of an fsspec file system like one here, file by file."""
     there = files.find(root, detail=True) if files.exists(root) else {}
     known = {str(PurePosixPath(path).relative_to(root)): path for path in there}
-    here = {str(path.relative_to(folder)): path for path in folder.rglob("*") if path.is_file()}
+    files_here = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+    here = {str(path.relative_to(folder)): path for path in files_here}
     for name, path in here.items():
         content = path.read_bytes()
         if name not in known or there[known[name]]["size"] != len(content) or _is_state(path):

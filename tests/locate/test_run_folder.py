@@ -159,3 +159,120 @@ def test_shares_of_a_stage_are_put_together_by_it(tmp_path: Path) -> None:
         raise AssertionError
 
     RunFolder(tmp_path / "run").begin("look", inputs={}, build=never)
+
+
+def stamp_of(outputs: object, **more: object) -> str:
+    time = {"name": "one", "wall_s": 1.0, "cpu_s": 1.0, "note": ""}
+    return json.dumps({"fingerprint": "x", "outputs": outputs, "time": time} | more)
+
+
+HOSTILE_STAMPS = [
+    stamp_of("ab"),
+    stamp_of(["../victim"]),
+    stamp_of(["deep/../../victim"]),
+    stamp_of(["/VICTIM"]),
+    stamp_of(["answer.txt", "../victim"]),
+    stamp_of([".."]),
+    stamp_of([".stages"]),
+    stamp_of(["config.yaml"]),
+    stamp_of(["log.jsonl"]),
+    stamp_of([["a"]]),
+    stamp_of({"a": 1}),
+    stamp_of(None),
+    stamp_of(["a"], time={"name": "one", "wall_s": 1.0, "cpu_s": "1"}),
+    stamp_of(["a"], fingerprint=1),
+]
+
+
+@pytest.mark.parametrize("stamp", HOSTILE_STAMPS)
+def test_a_stamp_that_names_anything_but_outputs_is_no_stamp(
+    tmp_path: Path, stamp: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, victim = tmp_path / "run", tmp_path / "victim"
+    victim.mkdir()
+    folder = RunFolder(root)
+    folder.save_config({})
+    folder.stage("one", inputs={}, build=make("x", []))
+    (root / "a").write_text("")
+    (root / "b").write_text("")
+    (root / ".stages" / "one.json").write_text(stamp.replace("/VICTIM", str(victim)))
+    (root / ".stages" / "gone.json").write_text(stamp.replace("/VICTIM", str(victim)))
+    removed: list[Path] = []
+    monkeypatch.setattr("geometry.removal.shutil.rmtree", removed.append)
+    calls: list[str] = []
+    folder = RunFolder(root)
+    folder.stage("one", inputs={}, build=make("again", calls))
+    folder.withdraw_others()
+    assert calls == ["again"]
+    assert not [path for path in removed if root not in path.parents]
+    for path in (victim, root / "a", root / "b", root / "config.yaml", root / ".stages"):
+        assert path.exists(), path
+    assert (root / "answer.txt").read_text() == "again"
+
+
+@pytest.mark.parametrize("name", [".stages", ".partial", "config.yaml", "log.jsonl"])
+def test_a_run_folder_whose_own_files_are_links_to_elsewhere_is_refused(
+    tmp_path: Path, name: str
+) -> None:
+    root, victim = tmp_path / "run", tmp_path / "victim"
+    folder = RunFolder(root)
+    folder.save_config({})
+    content = (root / "config.yaml").read_text()
+    if name.startswith("."):
+        (root / name).rmdir()
+        victim.mkdir()
+    else:
+        (root / name).unlink(missing_ok=True)
+        victim.write_text(content)
+    (root / name).symlink_to(victim)
+    with pytest.raises(BadInputError, match="leads outside"):
+        RunFolder(root)
+    assert victim.exists()
+
+
+def test_an_output_that_became_a_link_to_elsewhere_is_refused(tmp_path: Path) -> None:
+    root, victim = tmp_path / "run", tmp_path / "victim"
+    victim.write_text("mine")
+    folder = RunFolder(root)
+    folder.save_config({})
+    folder.stage("one", inputs={}, build=make("x", []))
+    (root / "answer.txt").unlink()
+    (root / "answer.txt").symlink_to(victim)
+    with pytest.raises(BadInputError, match=r"answer\.txt: leads outside"):
+        RunFolder(root).stage("one", inputs={"v": 2}, build=make("y", []))
+    assert victim.read_text() == "mine"
+
+
+def test_a_workshop_with_a_link_in_it_is_begun_anew(tmp_path: Path) -> None:
+    root, victim = tmp_path / "run", tmp_path / "victim"
+    victim.mkdir()
+    folder = RunFolder(root)
+    folder.save_config({})
+
+    def plants_a_link(workshop: Path) -> str:
+        (workshop / "frames").symlink_to(victim)
+        raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        folder.stage("one", inputs={}, build=plants_a_link)
+
+    def writes(workshop: Path) -> str:
+        (workshop / "frames").mkdir()
+        (workshop / "frames" / "000000.png").write_text("")
+        return "done"
+
+    RunFolder(root).stage("one", inputs={}, build=writes)
+    assert not list(victim.iterdir())
+    assert (root / "frames" / "000000.png").is_file()
+
+
+def test_a_stamp_that_was_never_finished_withdraws_nothing(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+    folder.save_config({})
+    folder.stage("one", inputs={}, build=make("x", []))
+    stamp = tmp_path / ".stages" / "one.json"
+    stamp.with_name(".one.123.partial.json").write_bytes(stamp.read_bytes())
+    again = RunFolder(tmp_path)
+    again.stage("one", inputs={}, build=make("x", []))
+    again.withdraw_others()
+    assert (tmp_path / "answer.txt").exists()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry.errors import BadInputError
 from locate.survey.build import survey
 from locate.survey.model import Settings, Survey
 from tests.locate.survey_runs import FIELD, Flown, write_run
@@ -182,3 +183,12 @@ def test_without_the_extra_there_is_no_raster_and_all_else(
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert "updraft.tif" not in names
     assert {"map.html", "survey.gpkg", "survey.json", "hotspots.cup"} <= names
+
+
+@pytest.mark.parametrize("name", ["../../victim", "a/b", "..", ""])
+def test_a_flight_whose_name_is_a_path_is_refused(tmp_path, name):
+    path = tmp_path / "survey.json"
+    flight = {"name": name, "source": "x", "folder": "y", "digest": ""}
+    path.write_text(json.dumps({"schema": "locate.survey/1", "flights": [flight]}))
+    with pytest.raises(BadInputError, match=r"flights\.0\.name"):
+        Survey.load(path)

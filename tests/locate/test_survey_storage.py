@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from geometry.errors import BadInputError
-from locate.survey.storage import FETCHED, fetched, mirrored
+from locate.survey.storage import FETCHED, fetched, mirrored, pull
 
 fsspec = pytest.importorskip("fsspec")
 
@@ -133,3 +133,23 @@ def test_workers_elsewhere_need_a_folder_they_share(memory):
         mirrored("memory://survey", "tcp://10.0.0.1:8786"),
     ):
         pass
+
+
+class Listing:
+    """A store that lists a file outside the folder that was asked for."""
+
+    def exists(self, _root):
+        return True
+
+    def find(self, root, detail):
+        return {f"{root}/../../victim": {"size": 3}} if detail else [f"{root}/../../victim"]
+
+    def get_file(self, _path, target):
+        Path(target).write_bytes(b"bad")
+
+
+def test_a_listing_cannot_lead_outside(tmp_path):
+    (tmp_path / "survey" / "copy").mkdir(parents=True)
+    with pytest.raises(BadInputError, match="leads outside"):
+        pull(Listing(), "far/run", tmp_path / "survey" / "copy")
+    assert not (tmp_path / "victim").exists()

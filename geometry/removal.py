@@ -1,0 +1,38 @@
+"""Files and folders removed by name, never outside the folder that holds them."""
+
+import shutil
+from pathlib import Path
+
+from geometry.errors import BadInputError
+
+
+def is_plain_name(name: object) -> bool:
+    """Whether a name that was read from a file names one thing directly below a folder."""
+    return isinstance(name, str) and name not in ("", ".", "..") and not {"/", "\0"} & set(name)
+
+
+def path_inside(folder: Path, name: str) -> Path:
+    """The path of that name in the folder.
+
+    Raises:
+        BadInputError: The name, or a link behind it, leads outside the folder.
+    """
+    path = folder / name
+    if folder.resolve() not in path.resolve().parents:
+        raise BadInputError(
+            f"{path}: leads outside {folder}; remove this link or choose another folder"
+        )
+    return path
+
+
+def remove_inside(folder: Path, name: str) -> None:
+    """Removes a file or a folder in `folder`, if it is there.
+
+    Raises:
+        BadInputError: It lies outside the folder, or a link leads there; nothing is removed.
+    """
+    path = path_inside(folder, name)
+    if path.is_symlink() or not path.is_dir():
+        path.unlink(missing_ok=True)
+    else:
+        shutil.rmtree(path)
