@@ -39,8 +39,8 @@ from detect.synthesis.flows import runs_in
 from detect.synthesis.raster import REACH_PX, as_background, canvas_side, photos_in
 from detect.synthesis.sample import seen_through_plume
 from geometry.arrays import BoolArray, FloatMap, GreyImage
-from locate.frame_by_frame import MASK_NATS
-from locate.images import read_grey
+from locate.pipeline.frame_by_frame import MASK_NATS
+from locate.recording.images import read_grey
 
 KNOWN, VIEWS, LARGEST_VIEW_PX = 10, 24, 320
 PAIRS = {

@@ -31,7 +31,7 @@ from detect.dybs.eye import SingleFrame
 from detect.flow import METHODS, flow_method
 from detect.scores import auroc
 from geometry.arrays import FloatArray, FloatMap, GreyImage
-from locate.images import read_grey
+from locate.recording.images import read_grey
 
 DEFAULT_DATA = Path(__file__).parents[1] / "../shared/data"
 BLOWTORCH = ("blowtorch_plume", "sop_enc_test_000.tif", "sop_enc_test_001.tif")

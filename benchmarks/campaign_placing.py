@@ -16,12 +16,12 @@ import numpy as np
 from geometry.errors import BadInputError
 from geometry.similarity import align
 from geometry.trajectory import Trajectory
-from locate.evaluate.truth import Truth
-from locate.observe import load_points
-from locate.place import place
+from locate.evaluation.truth import Truth
+from locate.pipeline.observe import load_points
+from locate.pipeline.place import place
+from locate.recording import KeyFrames
 from locate.simulation import Campaign
 from locate.simulation.subtitles import Receiver, write_subtitles
-from locate.video import KeyFrames
 
 RECEIVERS = {
     "0.5 m, wandering over 60 s": Receiver(),

@@ -18,16 +18,16 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from detect.registry import make_detector
 from geometry.arrays import FloatMap, GreyImage
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.decide import decide
-from locate.detectors import make_detector
-from locate.evaluate import evaluate
-from locate.journal import silent
-from locate.observe import Recorded, load_points, observe
-from locate.plume import PlumeMap
-from locate.video import KeyFrames
+from locate.evaluation import evaluate
+from locate.journal.log import silent
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import RunConfig
+from locate.pipeline.decide import decide
+from locate.pipeline.observe import Recorded, load_points, observe
+from locate.recording import KeyFrames
 
 INSIDE_SHARE = 0.3
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from geometry.arrays import GreyImage
-from locate.video import open_recording, select_frames
-from locate.video.writer import open_video
+from locate.recording import open_recording, select_frames
+from locate.recording.writer import open_video
 
 SIZES = ((1920, 1080, 90), (3840, 2160, 45))
 

@@ -23,10 +23,10 @@ import numpy as np
 from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.evaluate import Evaluation, evaluate
-from locate.pipeline import Run
-from locate.plume import PlumeMap
+from locate.evaluation import Evaluation, evaluate
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import RunConfig
+from locate.pipeline.run import Run
 from locate.simulation import Scene, random_scene
 from locate.simulation.filming import Take
 from locate.simulation.nuisances import NUISANCES, spoiled

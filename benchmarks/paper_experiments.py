@@ -32,14 +32,14 @@ import numpy as np
 from detect.bos import BosDetector
 from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
+from detect.registry import DYBS_WEIGHTS
 from detect.scores import auroc
 from detect.synthesis import FAMILIES, shards_in
 from detect.synthesis.buoyancy import BuoyantFlow
 from detect.synthesis.camera import MARGIN_PX, OVERSAMPLING, Background, Optics, expose
 from detect.synthesis.flows import CELL_M, CELLS, Source, slopes
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
-from locate.detectors import DYBS_WEIGHTS
-from locate.pictures import displacement_picture
+from locate.export.pictures import displacement_picture
 from locate.simulation.layouts import random_scene
 from locate.simulation.paths import fly
 from locate.simulation.plume import PlumeField

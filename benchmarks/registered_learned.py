@@ -36,7 +36,7 @@ from detect.registered.learned import CLASS_NAMES, Reader
 from detect.registered.lessons import KINDS, Lesson, lesson_path, lesson_paths, seed_of
 from detect.scores import auroc, average_precision
 from geometry.arrays import FloatMap
-from locate.observe import load_points, spread
+from locate.pipeline.observe import load_points, spread
 
 FIRST_SEED = 300_000
 CONDITIONS = ((1.0, 1.0), (0.3, 1.0), (0.3, 3.0), (0.1, 1.0), (0.0, 1.0), (0.0, 3.0))

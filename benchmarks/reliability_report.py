@@ -9,7 +9,7 @@ from scipy.special import expit
 from benchmarks.reliability import Bin, Judged, Share, binned
 from detect.calibration import logistic
 from geometry.arrays import BoolArray, FloatArray
-from locate.decide import RIGHTLY_TOLD
+from locate.pipeline.decide import RIGHTLY_TOLD
 
 RATIOS = (0.0, 0.5, 1.0, 2.0, np.inf)
 ALARMS = (0.5, 0.1, 0.01, 0.001)

@@ -23,9 +23,9 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from geometry.trajectory import Trajectory
-from locate.plume import PlumeMap
-from locate.sample import SAMPLE, SAMPLE_VIDEO
-from locate.video import open_recording
+from locate.map.plume import PlumeMap
+from locate.recording import open_recording
+from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 
 NS = 1_000_000_000
 VARIANCES = np.repeat([0.005, np.deg2rad(0.05)], 3) ** 2

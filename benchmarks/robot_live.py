@@ -23,12 +23,12 @@ import cv2
 import numpy as np
 
 from detect.detection import Detection, Detector, Frames
+from detect.registry import make_detector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.trajectory import Trajectory
-from locate.detectors import make_detector
+from locate.recording import open_recording
+from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.robot import Locator, Settings
-from locate.sample import SAMPLE, SAMPLE_VIDEO
-from locate.video import open_recording
 
 RATE_HZ = 30
 SHOWN = 2

@@ -21,12 +21,12 @@ from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.engine import NEW_SHARE
 from locate.robot.follower import Follower
 from locate.robot.next_view import rank
-from locate.robot.poses import NS, StampedPose
 from locate.robot.settings import Settings
 from locate.simulation.evidence import Corruption, Truth, corrupted_views, orbit, random_truth
 from locate.simulation.paths import look_at

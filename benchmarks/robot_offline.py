@@ -19,15 +19,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from detect.registry import make_detector
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.detectors import make_detector
-from locate.pipeline import Run
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.pipeline.config import RunConfig
+from locate.pipeline.run import Run
+from locate.recording import open_recording
+from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.robot import Locator, Settings
-from locate.sample import SAMPLE, SAMPLE_VIDEO
-from locate.video import open_recording
 
 SIGMAS = np.repeat([np.deg2rad(0.05), 0.005], 3)
 NS = 1_000_000_000

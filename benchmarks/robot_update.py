@@ -17,9 +17,9 @@ import numpy as np
 from locate.fusion.fuse import fuse
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
+from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.follower import Follower
-from locate.robot.poses import NS, StampedPose
 from locate.simulation.evidence import Corruption, corrupted_views, orbit, random_truth
 
 KEPT = 32

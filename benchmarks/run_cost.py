@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from locate.sample import SAMPLE_VIDEO
+from locate.recording.sample import SAMPLE_VIDEO
 
 STAGES = ("frames", "poses", "place", "detections", "fusion", "report")
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 from locate.survey import engine
 from locate.survey.flights import Fly, Given
 from locate.survey.model import Flight, Settings

@@ -36,13 +36,13 @@ from detect.dybs import DybsDetector
 from detect.fused import SHARED, fused
 from detect.registered import RegisteredDetector
 from detect.registered.measure import Measurement
+from detect.registry import found_weights, registered_weights
 from detect.scores import auroc, average_precision
 from detect.synthesis.raster import photos_in
 from detect.warp import blur, gradients
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory
-from locate.detectors import found_weights, registered_weights
 from locate.fusion.fuse import fuse
 from locate.fusion.views import Views
 from locate.simulation.coding import h264

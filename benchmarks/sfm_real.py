@@ -23,7 +23,7 @@ from geometry.sfm.checks import compare
 from geometry.sfm.covariance import gauge_projector
 from geometry.similarity import Similarity, align
 from geometry.trajectory import Trajectory
-from locate.video import KeyFrames, open_recording, select_frames
+from locate.recording import KeyFrames, open_recording, select_frames
 
 DEFAULT_DATA = Path(__file__).parents[1] / "../shared/data"
 Poses = dict[str, tuple[FloatArray, FloatArray]]

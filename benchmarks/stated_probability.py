@@ -29,12 +29,11 @@ from benchmarks.reliability_picture import picture
 from benchmarks.reliability_report import report
 from benchmarks.seeing import Recorded, labels, record
 from detect.registered import RegisteredDetector
+from detect.registry import clutter_nats, registered_weights
 from detect.synthesis.sample import log_uniform
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.decide import believed
-from locate.detectors import clutter_nats, registered_weights
 from locate.fusion.column import evidence
 from locate.fusion.fit import fit_columns, gap
 from locate.fusion.fuse import fuse
@@ -42,7 +41,8 @@ from locate.fusion.limit import detection_limit_px
 from locate.fusion.null import NullLevel
 from locate.fusion.proposals import STARTS, propose
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.pipeline.decide import believed
 from locate.simulation import scene as simulated
 from locate.simulation.filming import Take
 from locate.simulation.layouts import random_scene

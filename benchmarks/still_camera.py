@@ -20,13 +20,13 @@ from orbit_scenes import render
 from detect.fluctuation import Fluctuation
 from detect.synthesis.raster import photos_in
 from geometry.arrays import GreyImage
-from locate.config import RunConfig
-from locate.evaluate import evaluate
-from locate.evaluate.truth import Truth
-from locate.pipeline import Run
-from locate.plume import PlumeMap
+from locate.evaluation import evaluate
+from locate.evaluation.truth import Truth
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import RunConfig
+from locate.pipeline.run import Run
+from locate.recording.recording import open_recording
 from locate.simulation import Scene, random_scene
-from locate.video.recording import open_recording
 
 KINDS = ("leak", "wind", "clean")
 SEEDS = range(8100, 8108)

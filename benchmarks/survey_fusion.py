@@ -16,8 +16,8 @@ import numpy as np
 from geometry.arrays import BoolArray, FloatArray
 from geometry.georeference.constraints import point_jacobian
 from geometry.similarity import Similarity
-from locate.evaluate.plumes import pairs
-from locate.plume import Plume
+from locate.evaluation.plumes import pairs
+from locate.map.plume import Plume
 from locate.survey.associate import associate
 from locate.survey.evaluate import GATE_M
 from locate.survey.frame import Offset, Seen

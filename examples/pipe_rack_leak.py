@@ -12,12 +12,12 @@ from pathlib import Path
 from rich.console import Console
 
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.evaluate import Evaluation, evaluate
-from locate.evaluate.table import evaluation_table
+from locate.evaluation import Evaluation, evaluate
+from locate.evaluation.table import evaluation_table
 from locate.export.table import map_table
-from locate.journal import progress_bars
-from locate.pipeline import Run
+from locate.journal.log import progress_bars
+from locate.pipeline.config import RunConfig
+from locate.pipeline.run import Run
 from locate.simulation import Scene, simulate
 
 SCENE = Path(__file__).parent / "scenes" / "pipe_rack_leak.yaml"

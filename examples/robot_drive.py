@@ -17,9 +17,9 @@ from rich.console import Console
 
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
+from locate.recording import open_recording
+from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.robot import Locator, Update
-from locate.sample import SAMPLE, SAMPLE_VIDEO
-from locate.video import open_recording
 
 DRIFT_PER_ROOT_METRE = 0.005
 SIGMA_RAD, SIGMA_M = np.deg2rad(0.05), 0.003

@@ -13,10 +13,10 @@ import numpy as np
 
 from detect.detection import Frames
 from detect.dybs import DybsDetector
+from detect.registry import DYBS_WEIGHTS
 from detect.scores import auroc
 from detect.synthesis import Recipe, Sample, Sources, sample_at
-from locate.detectors import DYBS_WEIGHTS
-from locate.pictures import displacement_picture, save_png
+from locate.export.pictures import displacement_picture, save_png
 
 PLUME_PX = 0.06
 MASK_NATS = 2.0

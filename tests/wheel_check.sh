@@ -22,7 +22,7 @@ assert find_spec("torch") is None, "the runtime must not need torch"
 for name in ("page/page.html", "page/style.css", "report/body.html", "report/scene.js"):
     assert (files("locate") / "data" / name).is_file(), f"the wheel lacks {name}"
 PYTHON
-sample=$(python -c 'from locate.sample import SAMPLE_VIDEO; print(SAMPLE_VIDEO)')
+sample=$(python -c 'from locate.recording.sample import SAMPLE_VIDEO; print(SAMPLE_VIDEO)')
 locate run "$sample" -o run --max-frames 16
 test -s run/map.json
 test -s run/report.html

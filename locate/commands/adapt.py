@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from locate.commands.console import Weights, err, out
-from locate.journal import interruptible, progress_bars
+from locate.journal.log import interruptible, progress_bars
 
 MOST_FRAMES = 40
 
@@ -21,10 +21,10 @@ def adapt(
     weights: Weights = None,
 ) -> None:
     """Teach the single-frame detector a background, from frames of it without a plume."""
+    from detect.registry import found_weights
     from geometry.errors import BadInputError
-    from locate.detectors import found_weights
-    from locate.frame_files import FrameFiles
-    from locate.video.recording import ANY_SIDE, open_recording
+    from locate.recording.frame_files import FrameFiles
+    from locate.recording.recording import ANY_SIDE, open_recording
 
     start = found_weights(weights)
     if start is None:

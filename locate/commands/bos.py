@@ -9,11 +9,11 @@ import typer
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
-from locate.journal import Report, progress_bars
+from locate.journal.log import Report, progress_bars
 
 if TYPE_CHECKING:
     from detect.recordings import RecordedPairs
-    from locate.video import Recording
+    from locate.recording import Recording
 
 SplitName = Literal["train", "validation", "test"]
 
@@ -38,7 +38,7 @@ def bos(
 ) -> None:
     """Turn recordings of plumes before a known background into (frame, flow) training data."""
     from detect.recordings import PairSettings, record_pairs
-    from locate.video.recording import ANY_SIDE, open_recording
+    from locate.recording.recording import ANY_SIDE, open_recording
 
     settings = PairSettings(flow=flow, size_px=size, every=every, split=split)
     known = parse_reference(reference)
@@ -67,7 +67,7 @@ def parse_reference(text: str) -> GreyImage | int:
         if not count.isdecimal() or int(count) < 1:
             raise BadInputError(f"--reference {text}: expected first:N with N of 1 or more")
         return int(count)
-    from locate.images import read_grey
+    from locate.recording.images import read_grey
 
     return read_grey(Path(text))
 

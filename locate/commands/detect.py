@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from locate.commands.console import Output, Weights, err, out
-from locate.journal import interruptible, progress_bars
+from locate.journal.log import interruptible, progress_bars
 
 Name = Literal["dybs", "bos", "registered", "registered-plain"]
 
@@ -38,9 +38,9 @@ def detect(
     ] = None,
 ) -> None:
     """Show what bends light in every frame: displacement, evidence, masks, pictures."""
-    from locate.detectors import make_detector
-    from locate.frame_by_frame import MASK_NATS, look
-    from locate.images import read_grey
+    from detect.registry import make_detector
+    from locate.pipeline.frame_by_frame import MASK_NATS, look
+    from locate.recording.images import read_grey
 
     seeing = make_detector(
         detector,

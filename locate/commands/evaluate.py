@@ -20,9 +20,9 @@ def evaluate(
         _evaluate_survey(output, truth, as_json=as_json)
         return
     from geometry.trajectory import Trajectory
-    from locate.evaluate import evaluate as compare
-    from locate.evaluate.table import evaluation_table
-    from locate.plume import PlumeMap
+    from locate.evaluation import evaluate as compare
+    from locate.evaluation.table import evaluation_table
+    from locate.map.plume import PlumeMap
 
     path = output / "trajectory.json"
     evaluation = compare(

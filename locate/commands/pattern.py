@@ -38,7 +38,7 @@ def pattern(
     """Print a background for `locate bos`: give --period-mm, or period in px, range and focal."""
     from detect.synthesis.printed import pattern as draw
     from detect.synthesis.printed import printed
-    from locate.sheet import paper_mm, write_sheet
+    from locate.printing.sheet import paper_mm, write_sheet
 
     period = find_period_mm(period_mm, period_px, range_m, focal)
     page = paper_mm(paper)

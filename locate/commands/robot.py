@@ -7,7 +7,7 @@ import typer
 
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
-from locate.journal import progress_bars
+from locate.journal.log import progress_bars
 
 if TYPE_CHECKING:
     from locate.robot.settings import Settings
@@ -68,9 +68,9 @@ def bag(
 ) -> None:
     """Play a robot's recording into the locator: map.json, and plumes/plumes.mcap for a viewer."""
     from locate.export.table import map_table
+    from locate.messages.bags import Topics
+    from locate.messages.wiring import Wiring
     from locate.robot.bag_playing import locate_in_bag
-    from locate.robot.bags import Topics
-    from locate.robot.wiring import Wiring
 
     settings = _settings(width_px=width_px, neighbours=neighbours)
     with progress_bars(err) as report:
@@ -115,9 +115,9 @@ def dds(
     lookers: Lookers = None,
 ) -> None:
     """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""
+    from locate.messages.wiring import PoseSource, Wiring
     from locate.robot.dds import OUTPUT, DdsNode, TopicNames
     from locate.robot.wire import Wire
-    from locate.robot.wiring import PoseSource, Wiring
 
     if pose and pose_topic is None:
         raise BadInputError("--pose says what the pose topic is; give --pose-topic with it")

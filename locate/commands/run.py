@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from locate.commands.console import Output, Verbose, Weights, err, out
-from locate.config import DetectorName, RunConfig
-from locate.journal import interruptible, journal, progress_bars, silent
+from locate.journal.log import interruptible, journal, progress_bars, silent
+from locate.pipeline.config import DetectorName, RunConfig
 
 
 def run(
@@ -84,14 +84,14 @@ def demo(
     verbose: Verbose = False,
 ) -> None:
     """Run on the bundled sample: a simulated hot leak on a pipe rack, seen from an orbit."""
-    from locate.sample import SAMPLE_VIDEO
+    from locate.recording.sample import SAMPLE_VIDEO
 
     _run(RunConfig(recording=SAMPLE_VIDEO), output, force=force, verbose=verbose)
 
 
 def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None:
     from locate.export.table import map_table
-    from locate.pipeline import Run
+    from locate.pipeline.run import Run
 
     with interruptible(), progress_bars(err) as report:
         job = Run(config, output, force=force, report=silent if verbose else report)

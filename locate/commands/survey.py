@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from locate.commands.console import Verbose, Weights, err, out
-from locate.config import DetectorName
-from locate.journal import interruptible, journal, progress_bars, silent
+from locate.journal.log import interruptible, journal, progress_bars, silent
+from locate.pipeline.config import DetectorName
 
 
 def survey(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from locate.export.located import CONFIDENCE, LocatedPlume, located
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 
 
 def write_geojson(path: Path, plume_map: PlumeMap) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.georeference import HeightDatum
 from locate.export.located import CONFIDENCE, georeference_of, located
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 
 APPLICATION_ID = 0x47504B47
 USER_VERSION = 10300

@@ -4,7 +4,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from locate.export.located import LocatedPlume, located
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
 

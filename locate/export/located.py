@@ -8,7 +8,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.covariance import standard_deviations
 from geometry.georeference import Georeference, HeightDatum
-from locate.plume import Plume, PlumeMap
+from locate.map.plume import Plume, PlumeMap
 
 CONFIDENCE = 0.95
 ELLIPSE_SIGMAS = float(np.sqrt(-2 * np.log(1 - CONFIDENCE)))

@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from locate.export.located import LocatedPlume, located
-from locate.plume import Bearing, Plume, PlumeMap
+from locate.map.plume import Bearing, Plume, PlumeMap
 
 Row = tuple[str, str, str]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from locate.export.located import LocatedPlume, located
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 
 CUP_FIELDS = "name,code,country,lat,lon,elev,style,rwdir,rwlen,freq,desc"
 CUP_STYLE_WAYPOINT = 1

@@ -17,7 +17,7 @@ from locate.fusion.lasting import find_lasting
 from locate.fusion.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
 from locate.fusion.regions import FALSE_ALARM, Region, connected
 from locate.fusion.views import FUSION_WIDTH_PX, correlation_area
-from locate.plume import Bearing
+from locate.map.plume import Bearing
 
 EVIDENT_NATS = 0.25
 SMOOTHING_PX = 1.5

@@ -15,7 +15,7 @@ from locate.fusion.pairs import split
 from locate.fusion.proposals import STARTS, propose
 from locate.fusion.source import find_axis, measured
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
 
 FALSE_ALARM = 0.01
 NULL_SHARE = 0.8  # of the time that fusion takes

@@ -24,8 +24,8 @@ from locate.fusion.fit import WHOLE, climb, steps
 from locate.fusion.graph import AxisEstimate, agreeing, averaged, estimate_axis
 from locate.fusion.sway import Explanation
 from locate.fusion.views import Views
-from locate.map_schema import RefractiveIndex
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.map.schema import RefractiveIndex
 
 SEARCHES = 4
 REFINEMENTS = 3

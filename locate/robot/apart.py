@@ -17,13 +17,13 @@ from typing import Any
 import cv2
 
 from detect.detection import Detection, Detector, Frames
+from detect.registry import make_detector
 from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
-from locate.detectors import make_detector
 from locate.fusion.views import Views
+from locate.messages.poses import StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.follower import Follower
-from locate.robot.poses import StampedPose
 from locate.robot.search import Search
 from locate.robot.settings import Settings
 

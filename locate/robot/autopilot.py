@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
-from locate.robot.poses import UNKNOWN, StampedPose
-from locate.robot.transforms import moved_covariance, tangent_covariance
+from locate.messages.poses import UNKNOWN, StampedPose
+from locate.messages.transforms import moved_covariance, tangent_covariance
 
 NS_PER_MS, NS_PER_US = 1_000_000, 1000
 OLDEST_ATTITUDE_MS = 100

@@ -7,13 +7,13 @@ from typing import Any
 from detect.detection import Detector
 from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
-from locate.journal import Report, silent
-from locate.plume import PlumeMap
+from locate.journal.log import Report, silent
+from locate.map.plume import PlumeMap
+from locate.messages.bags import BagTopics, Topics, opened
+from locate.messages.wiring import Wiring
 from locate.robot.bag_results import write_updates
-from locate.robot.bags import BagTopics, Topics, opened
 from locate.robot.feeder import Feeder
 from locate.robot.tracks import Update
-from locate.robot.wiring import Wiring
 
 
 @with_one_blas_thread

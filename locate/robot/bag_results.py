@@ -8,9 +8,9 @@ import numpy as np
 
 from geometry.errors import BadInputError
 from geometry.removal import remove_inside
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
+from locate.messages.bags import is_bag
 from locate.robot.announcer import Announcer, type_of
-from locate.robot.bags import is_bag
 from locate.robot.messages import Messages
 from locate.robot.tracks import State, Update
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from detect.detection import Detector
+from locate.messages.wiring import Wiring
 from locate.robot.announcer import (
     HEALTH_TOPIC,
     HEALTH_TYPE,
@@ -18,7 +19,6 @@ from locate.robot.control import Control
 from locate.robot.feeder import Feeder
 from locate.robot.messages import Messages
 from locate.robot.wire import Wire
-from locate.robot.wiring import Wiring
 
 POSE_TYPES = {
     "odometry": "nav_msgs/msg/Odometry",

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.robot.poses import StampedPose
+from locate.messages.poses import StampedPose
 
 LEAST_OWN_SHARE = 0.05
 

@@ -11,10 +11,10 @@ from geometry.errors import BadInputError
 from geometry.grid import lever_gate
 from locate.fusion.column import HEIGHT, spine
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.messages.poses import as_trajectory
 from locate.robot.drift import SharedError
 from locate.robot.follower import Follower
-from locate.robot.poses import as_trajectory
 from locate.robot.search import Searcher
 from locate.robot.settings import Settings
 from locate.robot.tracks import Span, State, Tracks, Update, as_column

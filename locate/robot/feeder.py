@@ -7,10 +7,10 @@ from typing import Any
 from detect.detection import Detector
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.robot.codec import GreyReader, camera_from_info, stamp_ns
+from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
+from locate.messages.transforms import TransformTree
+from locate.messages.wiring import Poser, Wiring
 from locate.robot.locator import Locator
-from locate.robot.transforms import TransformTree
-from locate.robot.wiring import Poser, Wiring
 
 MOST_PENDING = 120
 

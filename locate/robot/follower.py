@@ -17,9 +17,9 @@ from locate.fusion.column import Z
 from locate.fusion.graph import AxisEstimate, estimate_axis
 from locate.fusion.sway import Sway
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.messages.poses import StampedPose, as_trajectory
 from locate.robot.drift import SharedError
-from locate.robot.poses import StampedPose, as_trajectory
 from locate.robot.tracks import as_column
 
 LEAST_VARIANCE_SHARE = 1e-3

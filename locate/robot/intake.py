@@ -9,8 +9,8 @@ from detect.warp import sample
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.images import bending
-from locate.robot.poses import NS, PoseBuffer, StampedPose
+from locate.messages.poses import NS, PoseBuffer, StampedPose
+from locate.recording.images import bending
 from locate.robot.settings import Settings
 from locate.robot.window import FrameWindow, KeyFrame
 

@@ -12,16 +12,16 @@ from typing import Self
 import numpy as np
 
 from detect.detection import Detector
+from detect.registry import make_detector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from locate import __version__
-from locate.detectors import make_detector
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
+from locate.messages.poses import UNKNOWN, StampedPose
 from locate.robot.apart import AVAILABLE, LEARNED, DetectorApart, SearchApart
 from locate.robot.engine import Engine
 from locate.robot.intake import Counts, Intake
 from locate.robot.next_view import Suggestion, rank
-from locate.robot.poses import UNKNOWN, StampedPose
 from locate.robot.search import Search, Searcher
 from locate.robot.settings import Settings
 from locate.robot.tracks import State, Update
@@ -44,7 +44,7 @@ class Locator:
         camera: That takes the images.
         settings: How much is kept, and how often is decided.
         detector: Of your own, which one thread uses; None takes ``registered``, see
-            `locate.detectors`, with the settings' neighbours, in as many processes as they say.
+            `detect.registry`, with the settings' neighbours, in as many processes as they say.
         threaded: False looks at frames inside `feed`, and drops none: for recordings.
     """
 

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
-from locate.plume import Plume
+from locate.map.plume import Plume
 from locate.robot.tracks import State, Update
 
 TEXT_BYTES = 50

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
-from locate.plume import Plume
-from locate.robot.poses import NS
+from locate.map.plume import Plume
+from locate.messages.poses import NS
 from locate.robot.tracks import State, Update
 
 MARKED_SIGMAS = 2.0

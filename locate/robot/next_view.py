@@ -8,7 +8,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.grid import lever_gate
-from locate.plume import Plume
+from locate.map.plume import Plume
 
 SWAY_SHARE = 0.35
 ALONG_TO_ACROSS = 3.0

@@ -7,6 +7,7 @@ from typing import Any
 
 from detect.detection import Detector
 from geometry.errors import BadInputError
+from locate.messages.wiring import Wiring
 from locate.robot.announcer import (
     HEALTH_TOPIC,
     HEALTH_TYPE,
@@ -20,7 +21,6 @@ from locate.robot.feeder import Feeder
 from locate.robot.messages import Messages
 from locate.robot.parameters import PARAMETERS
 from locate.robot.settings import Settings
-from locate.robot.wiring import Wiring
 
 NODE_NAME = "locate"
 WARN_EVERY_S = 5.0

@@ -7,15 +7,15 @@ from typing import Protocol
 
 import numpy as np
 
+from detect.registry import clutter_nats
 from geometry.threads import with_one_blas_thread
-from locate.detectors import clutter_nats
 from locate.fusion.fuse import fuse
 from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.messages.poses import StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.follower import Follower
-from locate.robot.poses import StampedPose
 from locate.robot.settings import Settings
 
 CANDIDATE_FALSE_ALARM = 0.3

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from geometry.arrays import FloatArray
 from locate.fusion.fit import distinct
-from locate.plume import Plume
+from locate.map.plume import Plume
 
 CONFIRMED_PROBABILITY = 0.99
 MISSES_ALLOWED = 3

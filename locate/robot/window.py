@@ -11,7 +11,7 @@ from detect.detection import Detection, Frames
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from locate.fusion.views import Views
-from locate.robot.poses import StampedPose, as_trajectory
+from locate.messages.poses import StampedPose, as_trajectory
 
 
 @dataclass(frozen=True, kw_only=True)

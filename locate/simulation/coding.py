@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from geometry.arrays import GreyImage
-from locate.video.writer import H264, open_video
+from locate.recording.writer import H264, open_video
 
 
 def jpeg(images: Sequence[GreyImage], _fps: float, *, quality: int) -> list[GreyImage]:

@@ -12,7 +12,7 @@ from geometry.arrays import FloatArray, GreyImage
 from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.images import bending
+from locate.recording.images import bending
 from locate.simulation.filming import Footage
 from locate.simulation.lessons import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, lesson_of
 from locate.simulation.onto import OntoRenderer, displace, output_trajectory

@@ -14,10 +14,10 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.npz import save_arrays
 from geometry.trajectory import Trajectory
+from locate.recording.writer import H264, LOSSLESS, open_video
 from locate.simulation.plume import PlumeField
 from locate.simulation.render import Truth
 from locate.simulation.scene import VideoBlock
-from locate.video.writer import H264, LOSSLESS, open_video
 
 SCHEMA = "locate.truth/1"
 LARGEST_HALF = 6e4

@@ -11,9 +11,9 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
 from locate import __version__
-from locate.journal import Report, silent
-from locate.plume import Plume
-from locate.run_folder import CONFIG
+from locate.journal.log import Report, silent
+from locate.map.plume import Plume
+from locate.pipeline.run_folder import CONFIG
 from locate.survey.answer import hotspots_of, notes_of, sightings_in
 from locate.survey.associate import Fused, associate
 from locate.survey.cells import Cells, Spot, count_cells

@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from locate.export.located import ELLIPSE_SIGMAS
-from locate.pictures import heat
+from locate.export.pictures import heat
 from locate.survey.cells import Cells
 from locate.survey.findings import Hotspot
 from locate.survey.model import Survey

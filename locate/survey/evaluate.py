@@ -12,7 +12,7 @@ from rich.table import Table
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
-from locate.evaluate.plumes import pairs
+from locate.evaluation.plumes import pairs
 from locate.simulation.campaign import SCHEMA, Campaign
 from locate.survey.frame import offset_of
 from locate.survey.model import Survey

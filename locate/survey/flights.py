@@ -11,11 +11,11 @@ import yaml
 from geometry.errors import BadInputError, InterruptedRunError, LocateError
 from geometry.georeference import Georeference
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.journal import journal
-from locate.place import telemetry_of
-from locate.plume import PlumeMap
-from locate.run_folder import CONFIG, LOG, digest, fingerprint_of
+from locate.journal.log import journal
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import RunConfig
+from locate.pipeline.place import telemetry_of
+from locate.pipeline.run_folder import CONFIG, LOG, digest, fingerprint_of
 from locate.survey.model import Flight, Settings
 from locate.survey.moments import moment_of
 
@@ -74,7 +74,7 @@ class Fly:
 
     def part(self, given: Given, name: str) -> str | None:
         """Does one part; returns what the flight is to blame for."""
-        from locate.pipeline import Run
+        from locate.pipeline.run import Run
 
         share = (int(name.split()[1]), BATCHES) if name.startswith("detections") else None
         try:
@@ -109,7 +109,7 @@ class Fly:
         return digest(json.dumps(content, sort_keys=True).encode())
 
     def _run(self, given: Given) -> None:
-        from locate.pipeline import Run
+        from locate.pipeline.run import Run
 
         run = Run(self.settings.run_of(given.source), given.folder)
         with journal(given.folder / LOG):

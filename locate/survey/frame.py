@@ -9,7 +9,7 @@ from geometry.arrays import FloatArray
 from geometry.georeference import Alignment, Georeference, HeightDatum
 from geometry.georeference.constraints import point_jacobian
 from geometry.similarity import Similarity
-from locate.plume import Plume
+from locate.map.plume import Plume
 from locate.survey.model import Flight
 
 UNKNOWN_HEIGHT_M = 100.0

@@ -22,9 +22,9 @@ from locate.fusion.fuse import FALSE_ALARM
 from locate.fusion.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
-from locate.observe import load_detections, load_response
-from locate.plume import Plume
-from locate.run_folder import digest
+from locate.map.plume import Plume
+from locate.pipeline.observe import load_detections, load_response
+from locate.pipeline.run_folder import digest
 from locate.survey.flights import read_config
 from locate.survey.frame import offset_of
 from locate.survey.model import Column, Flight

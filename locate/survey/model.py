@@ -11,8 +11,8 @@ from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
 from geometry.removal import is_plain_name
 from locate import __version__
-from locate.config import DetectorName, RunConfig
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import DetectorName, RunConfig
 from locate.survey.findings import Block, Hotspot, Sighting, Wind
 
 SCHEMA = "locate.survey/1"

@@ -7,7 +7,7 @@ import numpy as np
 
 from geometry.covariance import standard_deviations
 from locate.export.located import LocatedPlume, located
-from locate.plume import Plume, PlumeMap
+from locate.map.plume import Plume, PlumeMap
 from locate.survey.findings import Hotspot
 from locate.survey.model import Survey
 

@@ -9,11 +9,11 @@ from xml.etree import ElementTree
 import exifread
 
 from geometry.errors import BadInputError
+from locate.recording.recording import PHOTO_SUFFIXES, natural_key
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.bounded import refusing
 from locate.telemetry.clock import parse_date_time, posix_s
 from locate.telemetry.track import AltitudeDatum, Clock, Track
-from locate.video.recording import PHOTO_SUFFIXES, natural_key
 
 KIND = "photo"
 XMP_BYTES = 2**20

@@ -12,6 +12,7 @@ import torch
 import typer
 from typer.testing import CliRunner, Result
 
+from detect import registry
 from detect.detection import Frames
 from detect.differential import lucas_kanade
 from detect.dybs import DybsDetector
@@ -26,7 +27,6 @@ from detect.network import Network
 from detect.synthesis.camera import naive_warp
 from detect.synthesis.own import HALF, own_samples, sample_side
 from geometry.errors import BadInputError
-from locate import detectors
 from locate.commands.adapt import adapt as command
 
 
@@ -213,7 +213,7 @@ def test_command_says_in_one_line_what_is_missing(
     cv2.imwrite(str(tmp_path / "wall.png"), wall())
     cv2.imwrite(str(tmp_path / "small.png"), wall(shape=(90, 90)))
     good = (tmp_path / "wall.png", "-o", tmp_path / "a.onnx", "--weights", start)
-    monkeypatch.setattr(detectors, "DYBS_WEIGHTS", tmp_path / "none.onnx")
+    monkeypatch.setattr(registry, "DYBS_WEIGHTS", tmp_path / "none.onnx")
     for arguments, words in (
         (good[:3], "no weights to begin with"),
         ((*good[:2], tmp_path / "a.pt", *good[3:]), "name of an .onnx file"),

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.plume import Plume, PlumeMap
+from locate.map.plume import Plume, PlumeMap
 
 SOURCE = np.array([0.3, -0.2, 0.1])
 

@@ -15,11 +15,11 @@ from geometry.georeference.constraints import point_jacobian
 from geometry.grid import Box, EvidenceGrid
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.decide import save_grid
-from locate.georeferenced import georeferenced
-from locate.plume import PlumeMap
-from locate.run_folder import RunFolder
+from locate.map.georeferenced import georeferenced
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import RunConfig
+from locate.pipeline.decide import save_grid
+from locate.pipeline.run_folder import RunFolder
 from tests.locate.answers import plume, plume_map
 
 FIELD = Georeference(

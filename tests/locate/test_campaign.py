@@ -9,7 +9,7 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference
 from geometry.georeference.gravity import up_from_gimbal
 from locate.cli import app
-from locate.evaluate.truth import Truth
+from locate.evaluation.truth import Truth
 from locate.simulation import Campaign, Scene, simulate_campaign
 from locate.simulation.campaign import Flight, Site
 from locate.simulation.paths import fly

@@ -10,21 +10,22 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
+from detect import registry
 from detect.detection import Detection, Detector, Frames
+from detect.registry import make_detector
 from detect.response import Response
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.npz import read_npz
-from locate import detectors, pipeline
 from locate.commands.detect import detect
-from locate.config import RunConfig
-from locate.detectors import make_detector
-from locate.frame_by_frame import look
-from locate.images import read_grey
-from locate.pictures import displacement_picture, overlay
-from locate.pipeline import Run
-from locate.sample import SAMPLE, SAMPLE_VIDEO
-from locate.video.writer import LOSSLESS, open_video
+from locate.export.pictures import displacement_picture, overlay
+from locate.pipeline import run as pipeline
+from locate.pipeline.config import RunConfig
+from locate.pipeline.frame_by_frame import look
+from locate.pipeline.run import Run
+from locate.recording.images import read_grey
+from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
+from locate.recording.writer import LOSSLESS, open_video
 
 BLOB = np.s_[10:20, 30:45]
 
@@ -253,7 +254,7 @@ def typed(*arguments: object) -> Result:
 def test_command_prints_what_it_saw(
     photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(detectors, "single_frame_detector", lambda _: Blob())
+    monkeypatch.setattr(registry, "single_frame_detector", lambda _: Blob())
     result = typed(photos, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "Evidence in 5 of 5 frames" in result.output
@@ -287,7 +288,7 @@ def test_command_with_too_little_says_what_is_missing(
 def test_without_weights_dybs_says_so_and_auto_does_not_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(detectors, "DYBS_WEIGHTS", tmp_path / "none.onnx")
+    monkeypatch.setattr(registry, "DYBS_WEIGHTS", tmp_path / "none.onnx")
     with pytest.raises(BadInputError, match="no weights installed"):
         make_detector("dybs")
     with pytest.raises(BadInputError, match="no weights installed"):
@@ -299,7 +300,7 @@ def test_without_weights_dybs_says_so_and_auto_does_not_change(
 def test_with_weights_auto_lets_dybs_help(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     weights = tmp_path / "some.onnx"
     weights.write_bytes(b"weights")
-    monkeypatch.setattr(detectors, "DYBS_WEIGHTS", weights)
+    monkeypatch.setattr(registry, "DYBS_WEIGHTS", weights)
     assert asked_of_run(tmp_path / "out", monkeypatch) == "registered+dybs"
     stamp = json.loads((tmp_path / "out/.stages/detections.json").read_text())["fingerprint"]
     assert asked_of_run(tmp_path / "out", monkeypatch) == ""

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from geometry.errors import BadInputError
 from locate.commands.pattern import find_period_mm, pattern
-from locate.sheet import paper_mm
+from locate.printing.sheet import paper_mm
 
 KINDS = ("checkerboard", "sinusoid", "perlin", "squares")
 DPI, PERIOD_MM = 150, 6.3

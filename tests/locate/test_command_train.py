@@ -9,11 +9,11 @@ from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered.features import FEATURES, Feature
 from detect.registered.lessons import lesson_path
+from detect.registry import DYBS_WEIGHTS
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
 from locate.commands import train
 from locate.commands.train import config_path, render_missing_lessons
-from locate.detectors import DYBS_WEIGHTS
 from locate.simulation import make_lessons
 
 

@@ -13,11 +13,11 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.evaluate import evaluate
-from locate.evaluate.alignment import align_trajectories
-from locate.evaluate.plumes import pairs
-from locate.evaluate.table import evaluation_table
-from locate.plume import Bearing
+from locate.evaluation import evaluate
+from locate.evaluation.alignment import align_trajectories
+from locate.evaluation.plumes import pairs
+from locate.evaluation.table import evaluation_table
+from locate.map.plume import Bearing
 from tests.locate.answers import SOURCE, orbit, plume, plume_map
 
 MAP_FROM_TRUTH = Similarity(

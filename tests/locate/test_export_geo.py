@@ -18,8 +18,8 @@ from locate.export.kml import write_kml
 from locate.export.las import utm, write_las
 from locate.export.located import located
 from locate.export.waypoints import write_cup, write_gpx
-from locate.georeferenced import georeferenced
-from locate.plume import PlumeMap
+from locate.map.georeferenced import georeferenced
+from locate.map.plume import PlumeMap
 from tests.geometry.surveys import looking_down, strips, survey
 from tests.locate.answers import plume, plume_map
 

@@ -13,7 +13,7 @@ from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.export.report import ReportFrame, StageTime, shapes, write_report
 from locate.export.report.pictures import evidence_uri
-from locate.plume import Bearing, PlumeMap
+from locate.map.plume import Bearing, PlumeMap
 from tests.locate.answers import SOURCE, orbit, plume, plume_map
 
 VOID = {"meta", "img", "br", "input", "circle", "path"}

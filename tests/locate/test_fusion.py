@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from detect.detection import Detection
-from locate.decide import believed, hidden_note, silence_notes
 from locate.fusion.axis import AxisSightings, sight_axis
 from locate.fusion.base import locate_base
 from locate.fusion.column import evidence, score, spine, stands_out, without
@@ -17,7 +16,8 @@ from locate.fusion.proposals import best_interval
 from locate.fusion.source import refine_axis
 from locate.fusion.sway import estimate_sway
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.pipeline.decide import believed, hidden_note, silence_notes
 from locate.simulation.evidence import NONE, Corruption, Truth, corrupted_views, orbit, random_truth
 from tests.locate.answers import plume as any_plume
 

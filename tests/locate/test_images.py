@@ -6,7 +6,7 @@ import pytest
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.images import FrameImages, bending
+from locate.recording.images import FrameImages, bending
 
 
 def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -13,10 +13,10 @@ from geometry.georeference.board import marker_board
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.cli import app
-from locate.config import RunConfig
-from locate.known_lengths import KnownDistance, KnownLengths, parse_board
-from locate.pipeline import Run
-from locate.place import Placement
+from locate.pipeline.config import RunConfig
+from locate.pipeline.known_lengths import KnownDistance, KnownLengths, parse_board
+from locate.pipeline.place import Placement
+from locate.pipeline.run import Run
 from tests.geometry.surveys import looking_down
 
 SHEET_M, SHEET_PX = 3.0, 1500

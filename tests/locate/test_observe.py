@@ -11,8 +11,8 @@ from detect.detection import Detection, Frames
 from detect.response import Response
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.journal import silent
-from locate.observe import Recorded, load_detections, load_response, observe
+from locate.journal.log import silent
+from locate.pipeline.observe import Recorded, load_detections, load_response, observe
 
 SAYS = Response(ratios=(0.0, 2.0), llr=(-1.0, 3.0))
 

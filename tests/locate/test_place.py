@@ -9,10 +9,10 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.place import Placement, place
+from locate.pipeline.place import Placement, place
+from locate.recording.index import KeyFrame, KeyFrames
 from locate.simulation.paths import fly
 from locate.simulation.scene import PathBlock, Scene, VideoBlock
-from locate.video.index import KeyFrame, KeyFrames
 
 ORIGIN = Georeference(lat_deg=47.2, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
 GPS_SIGMA_M = 0.5

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from geometry.errors import BadInputError
 from locate.export.table import map_table
-from locate.plume import Bearing, PlumeMap
+from locate.map.plume import Bearing, PlumeMap
 from tests.locate.answers import plume, plume_map
 
 GEOREFERENCE = {

@@ -15,11 +15,11 @@ import pytest
 
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.pipeline import Run
-from locate.plume import PlumeMap
-from locate.sample import SAMPLE, SAMPLE_VIDEO
-from locate.video.writer import LOSSLESS, open_video
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import RunConfig
+from locate.pipeline.run import Run
+from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
+from locate.recording.writer import LOSSLESS, open_video
 from tests.detect.fluctuating import frames
 
 FRAMES = "14"
@@ -73,7 +73,7 @@ def test_another_method_decides_anew(finished: Path, monkeypatch: pytest.MonkeyP
         return (finished / ".stages" / f"{stage}.json").stat().st_mtime_ns
 
     before = {stage: stamp(stage) for stage in STAGES}
-    monkeypatch.setattr("locate.pipeline.METHOD", (Path(__file__),))
+    monkeypatch.setattr("locate.pipeline.run.METHOD", (Path(__file__),))
     Run(RunConfig(recording=SAMPLE_VIDEO, max_frames=int(FRAMES)), finished).run()
     assert [stage for stage in STAGES if stamp(stage) != before[stage]] == ["fusion", "report"]
 

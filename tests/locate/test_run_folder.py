@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from geometry.errors import BadInputError
-from locate.run_folder import RunFolder, fingerprint_of
+from locate.pipeline.run_folder import RunFolder, fingerprint_of
 
 
 def make(text: str, calls: list[str]):

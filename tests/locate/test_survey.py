@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 from locate.survey import flights as flights_module
 from locate.survey.build import survey
 from locate.survey.model import Settings, Survey

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
-from locate.video import KeyFrames, open_recording, select_frames
-from locate.video.focal import focal_of_photo, focal_of_video
+from locate.recording import KeyFrames, open_recording, select_frames
+from locate.recording.focal import focal_of_photo, focal_of_video
 
 WIDTH, HEIGHT, RATE = 320, 240, 20
 

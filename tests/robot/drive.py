@@ -8,7 +8,7 @@ import numpy as np
 from detect.detection import Detection, Frames
 from geometry.arrays import FloatArray, GreyImage
 from locate.fusion.views import Views
-from locate.robot.poses import NS
+from locate.messages.poses import NS
 
 BLANK = np.zeros((240, 320), np.uint8)
 

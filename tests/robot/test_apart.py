@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from detect.detection import Frames
+from detect.registry import make_detector
 from geometry.errors import BadInputError
-from locate.detectors import make_detector
 from locate.fusion.views import Views
+from locate.messages.poses import StampedPose
 from locate.robot import Locator, Settings, State
 from locate.robot.apart import DetectorApart, SearchApart
 from locate.robot.drift import SharedError
-from locate.robot.poses import StampedPose
 from locate.robot.search import Search
 from locate.simulation.evidence import Truth
 from tests.robot.drive import BLANK, Oracle, moments

@@ -16,14 +16,14 @@ from rosbags.typesys import Stores
 
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.pipeline import Run
-from locate.plume import PlumeMap
-from locate.robot.bag_recording import BagRecording
-from locate.robot.bags import Topics
-from locate.robot.codec import stamp_ns
-from locate.robot.poses import NS
-from locate.robot.wiring import Wiring
+from locate.map.plume import PlumeMap
+from locate.messages.bags import Topics
+from locate.messages.codec import stamp_ns
+from locate.messages.poses import NS
+from locate.messages.wiring import Wiring
+from locate.pipeline.config import RunConfig
+from locate.pipeline.run import Run
+from locate.recording.bag import BagRecording
 from locate.simulation.evidence import orbit
 from tests.robot.test_bags import MOUNT, Recorder
 from tests.robot.test_next_view import plume

@@ -14,12 +14,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from geometry.errors import BadInputError
 from locate.fusion.views import Views
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
+from locate.messages.bags import Topics, is_bag
+from locate.messages.poses import NS
+from locate.messages.wiring import Wiring
 from locate.robot import Settings
 from locate.robot.bag_playing import locate_in_bag
-from locate.robot.bags import Topics, is_bag
-from locate.robot.poses import NS
-from locate.robot.wiring import Wiring
 from locate.simulation.evidence import Truth
 from tests.robot.drive import Oracle, moments
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
-from locate.robot.codec import GreyReader, camera_from_info, stamp_ns
+from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
 from tests.robot.messages import camera_info, header, image
 
 RNG = np.random.default_rng(0)

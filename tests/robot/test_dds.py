@@ -15,12 +15,12 @@ pytest.importorskip("rosbags", reason="the extra `dds` is not installed")
 from rosbags.typesys import Stores
 
 from locate.fusion.views import Views
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
+from locate.messages.wiring import Wiring
 from locate.robot import Settings
 from locate.robot.control import Control
 from locate.robot.dds import DdsNode, TopicNames
 from locate.robot.wire import Wire
-from locate.robot.wiring import Wiring
 from locate.simulation.evidence import Truth
 from tests.robot.drive import Oracle
 from tests.robot.test_bags import Recorder

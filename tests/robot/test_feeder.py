@@ -6,11 +6,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
+from locate.messages.poses import NS
+from locate.messages.transforms import ros_covariance
+from locate.messages.wiring import Wiring
 from locate.robot import Settings
 from locate.robot.feeder import Feeder
-from locate.robot.poses import NS
-from locate.robot.transforms import ros_covariance
-from locate.robot.wiring import Wiring
 from tests.robot.messages import camera_info, header, image, quaternion, vector
 from tests.robot.test_transforms import stamped
 

@@ -6,10 +6,10 @@ import pytest
 from locate.fusion.fuse import fuse
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.follower import Follower
-from locate.robot.poses import NS, StampedPose
 from locate.simulation.evidence import Truth
 
 KEPT = 8

@@ -12,9 +12,9 @@ from geometry.errors import BadInputError
 from locate.fusion.fuse import fuse
 from locate.fusion.null import NullLevel
 from locate.fusion.views import Views
+from locate.messages.poses import NS, UNKNOWN, StampedPose
 from locate.robot import Locator, Settings, State, Update
 from locate.robot.engine import Engine
-from locate.robot.poses import NS, UNKNOWN, StampedPose
 from locate.robot.search import Search
 from locate.robot.window import FrameWindow, KeyFrame
 from locate.simulation.evidence import Truth

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from geometry.camera import Camera
-from locate.plume import Plume
+from locate.map.plume import Plume
 from locate.robot.next_view import rank
 from locate.simulation.paths import look_at
 

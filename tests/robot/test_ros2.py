@@ -16,8 +16,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from locate.fusion.views import Views
-from locate.robot.poses import NS
-from locate.robot.transforms import ros_covariance
+from locate.messages.poses import NS
+from locate.messages.transforms import ros_covariance
 from locate.simulation.evidence import Truth
 from tests.robot.drive import Moment, Oracle, moments
 

@@ -4,9 +4,9 @@ import gtsam
 import numpy as np
 import pytest
 
-from locate.plume import Plume
+from locate.map.plume import Plume
+from locate.messages.poses import NS, PoseBuffer, StampedPose
 from locate.robot.drift import LEAST_OWN_SHARE, SharedError
-from locate.robot.poses import NS, PoseBuffer, StampedPose
 from locate.robot.tracks import MOST_TRACKS, Span, State, Tracks, Update, as_column, joined_estimate
 from tests.robot.test_next_view import plume
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
-from locate.robot.poses import NS
-from locate.robot.transforms import (
+from locate.messages.poses import NS
+from locate.messages.transforms import (
     TransformTree,
     matrix_of,
     moved_covariance,

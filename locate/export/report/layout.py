@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.plume import Plume, PlumeMap
+from locate.map.plume import Plume, PlumeMap
 
 # Okabe and Ito's palette, readable with any kind of colour vision.
 PLUME_COLORS = ("#d55e00", "#cc79a7", "#009e73", "#e69f00", "#56b4e9")

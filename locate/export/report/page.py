@@ -14,7 +14,7 @@ from geometry.trajectory import Trajectory
 from locate.export.html import definitions, items, resource, table, write_page
 from locate.export.report import pictures, scene, words
 from locate.export.table import answer_rows
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from geometry.arrays import FloatMap, GreyImage
-from locate.pictures import Picture, evidence_layer, heat
+from locate.export.pictures import Picture, evidence_layer, heat
 
 MAX_WIDTH = 640
 

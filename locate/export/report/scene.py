@@ -11,7 +11,7 @@ from geometry.trajectory import Trajectory
 from locate.export.report import layout, shapes
 from locate.export.report.layout import CAMERA_COLOR, PLUME_COLORS, POINT_COLOR
 from locate.export.report.pictures import heat_stops
-from locate.plume import Plume, PlumeMap
+from locate.map.plume import Plume, PlumeMap
 
 N_SIGMA = 2.0
 _COLORSCALE = [[i / 7, color] for i, color in enumerate(heat_stops(8))]

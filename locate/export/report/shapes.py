@@ -4,7 +4,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.trajectory import Trajectory
-from locate.plume import Plume
+from locate.map.plume import Plume
 
 AROUND = 32
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from geometry.trajectory import Trajectory
 from locate.export.table import probability
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
 
 LIKE = {"lower": "hot air, hydrogen and helium", "higher": "cold air, methane and propane"}
 

@@ -10,14 +10,14 @@ from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
-from locate.config import RunConfig
-from locate.plume import PlumeMap
+from locate.map.plume import PlumeMap
+from locate.messages.bags import BagTopics, Topics, is_bag, opened
+from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
+from locate.messages.poses import NS, PoseBuffer, StampedPose, as_trajectory
+from locate.messages.wiring import Poser, Wiring
+from locate.pipeline.config import RunConfig
+from locate.recording import Recording
 from locate.robot.bag_results import write_map
-from locate.robot.bags import BagTopics, Topics, is_bag, opened
-from locate.robot.codec import GreyReader, camera_from_info, stamp_ns
-from locate.robot.poses import NS, PoseBuffer, StampedPose, as_trajectory
-from locate.robot.wiring import Poser, Wiring
-from locate.video import Recording
 
 PENDING_NS = 10 * NS
 BAG_OPTIONS = ("image_topic", "pose_topic", "world_frame")

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from geometry.errors import BadInputError
+from geometry.plain import plain
 from geometry.trajectory import Trajectory
-from locate.evaluate.alignment import Alignment, align_trajectories
-from locate.evaluate.frames import FrameScore, frame_scores
-from locate.evaluate.plumes import BearingError, PlumeError, bearing_errors, plume_errors
-from locate.evaluate.truth import Truth
-from locate.plain import plain
-from locate.plume import PlumeMap
+from locate.evaluation.alignment import Alignment, align_trajectories
+from locate.evaluation.frames import FrameScore, frame_scores
+from locate.evaluation.plumes import BearingError, PlumeError, bearing_errors, plume_errors
+from locate.evaluation.truth import Truth
+from locate.map.plume import PlumeMap
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
-from locate.images import read_grey
-from locate.video.focal import FocalPrior, focal_of_photo, focal_of_video
+from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
+from locate.recording.images import read_grey
 
 DEFAULT_MAX_SIDE = 1280
 ANY_SIDE = 1 << 30

@@ -10,10 +10,10 @@ import numpy as np
 from detect.detection import Frames
 from geometry.named_poses import read_camera
 from geometry.pose_files import read_named_poses
-from locate.images import FrameImages
-from locate.observe import Recorded
-from locate.pictures import save_png
-from locate.video.recording import Recording
+from locate.export.pictures import save_png
+from locate.pipeline.observe import Recorded
+from locate.recording.images import FrameImages
+from locate.recording.recording import Recording
 
 PHOTOS_FPS = 4.0
 

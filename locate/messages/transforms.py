@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from locate.robot.codec import stamp_ns
-from locate.robot.poses import UNKNOWN, PoseBuffer, StampedPose
+from locate.messages.codec import stamp_ns
+from locate.messages.poses import UNKNOWN, PoseBuffer, StampedPose
 
 DEEPEST = 64
 

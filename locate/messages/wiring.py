@@ -7,15 +7,15 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from locate.robot.codec import stamp_ns
-from locate.robot.poses import UNKNOWN, StampedPose
-from locate.robot.settings import Settings
-from locate.robot.transforms import (
+from locate.messages.codec import stamp_ns
+from locate.messages.poses import UNKNOWN, StampedPose
+from locate.messages.transforms import (
     TransformTree,
     matrix_of,
     moved_covariance,
     tangent_covariance,
 )
+from locate.robot.settings import Settings
 
 PoseSource = Literal["tf", "odometry", "pose"]
 

@@ -2,5 +2,5 @@
 
 from pathlib import Path
 
-SAMPLE = Path(__file__).parent / "data" / "sample"
+SAMPLE = Path(__file__).parents[1] / "data" / "sample"
 SAMPLE_VIDEO = SAMPLE / "pipe_rack_leak.mkv"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geometry.errors import BadInputError
-from locate.robot.wiring import PoseSource, Wiring
+from locate.messages.wiring import PoseSource, Wiring
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

@@ -8,7 +8,7 @@ import numpy as np
 
 from detect.detection import Detection
 from detect.scores import auroc, average_precision
-from locate.evaluate.truth import Truth, TruthFrame
+from locate.evaluation.truth import Truth, TruthFrame
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from rich.table import Table
 
-from locate.evaluate.evaluation import Evaluation
+from locate.evaluation.evaluation import Evaluation
 
 Row = tuple[str, str, str]
 

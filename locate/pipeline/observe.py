@@ -17,10 +17,10 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError, first_complaint
 from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
-from locate.images import FrameImages
-from locate.journal import Report
-from locate.video.keyframes import CLOSELY_S
-from locate.video.motion import median_motion
+from locate.journal.log import Report
+from locate.recording.images import FrameImages
+from locate.recording.keyframes import CLOSELY_S
+from locate.recording.motion import median_motion
 
 ENDS = 3
 WHOLE = (0, 1)

@@ -8,8 +8,8 @@ from scipy.optimize import linear_sum_assignment
 
 from geometry.arrays import FloatArray
 from geometry.similarity import Similarity
-from locate.evaluate.truth import Truth
-from locate.plume import Bearing, Plume
+from locate.evaluation.truth import Truth
+from locate.map.plume import Bearing, Plume
 
 GATE_OF_RANGE = 0.15
 GATE_RAD = np.radians(10.0)

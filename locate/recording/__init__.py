@@ -1,8 +1,8 @@
 """From a video or a folder of photos to the key frames that a run works on."""
 
-from locate.video.index import FRAMES_SCHEMA, KeyFrame, KeyFrames
-from locate.video.keyframes import select_frames
-from locate.video.recording import Frame, Recording, open_recording
+from locate.recording.index import FRAMES_SCHEMA, KeyFrame, KeyFrames
+from locate.recording.keyframes import select_frames
+from locate.recording.recording import Frame, Recording, open_recording
 
 __all__ = [
     "FRAMES_SCHEMA",

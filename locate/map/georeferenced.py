@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from geometry.georeference import Alignment, Georeference
-from locate.plume import Plume, PlumeMap
+from locate.map.plume import Plume, PlumeMap
 
 
 def georeferenced(

@@ -9,20 +9,20 @@ from scipy.special import expit
 
 from detect import fluctuation
 from detect.detection import Detection
+from detect.registry import clutter_nats
 from geometry.covariance import sigma_along
 from geometry.grid import EvidenceGrid
 from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__, fusion
-from locate.detectors import clutter_nats
 from locate.fusion.bearings import find_bearings
 from locate.fusion.fuse import fuse
 from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
 from locate.fusion.views import RANGE_TO_UNIT, Views
-from locate.journal import Report, silent
-from locate.observe import Recorded, load_detections, load_response
-from locate.plume import Plume, PlumeMap
+from locate.journal.log import Report, silent
+from locate.map.plume import Plume, PlumeMap
+from locate.pipeline.observe import Recorded, load_detections, load_response
 
 ONE_VIEWPOINT = (
     "The camera stood still: one viewpoint gives directions to plumes, not positions, and what "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.robot.poses import NS
+from locate.messages.poses import NS
 
 MOST_PIXELS = 1 << 28
 FEWEST_BITS, MOST_BITS = 10, 16

@@ -15,12 +15,12 @@ from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
-from locate.frame_files import FrameFiles
-from locate.journal import Report, silent
-from locate.pictures import displacement_picture, overlay, save_png
-from locate.run_folder import replace_text
-from locate.video.recording import ANY_SIDE, open_recording
-from locate.video.writer import open_video
+from locate.export.pictures import displacement_picture, overlay, save_png
+from locate.journal.log import Report, silent
+from locate.pipeline.run_folder import replace_text
+from locate.recording.frame_files import FrameFiles
+from locate.recording.recording import ANY_SIDE, open_recording
+from locate.recording.writer import open_video
 
 SCHEMA = "locate.detections/1"
 INDEX, VIDEO, WORKSHOP = "index.json", "overlay.mp4", ".frames"

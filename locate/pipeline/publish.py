@@ -16,8 +16,8 @@ from locate.export.kml import write_kml
 from locate.export.ply import write_plumes_ply
 from locate.export.report import ReportFrame, StageTime, write_report
 from locate.export.waypoints import write_cup, write_gpx
-from locate.observe import Recorded, load_detections, load_points
-from locate.plume import Plume, PlumeMap
+from locate.map.plume import Plume, PlumeMap
+from locate.pipeline.observe import Recorded, load_detections, load_points
 
 GEOREFERENCED = {
     "plumes.geojson": write_geojson,

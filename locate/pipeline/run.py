@@ -6,16 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from geometry.camera import Camera
-from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
-from geometry.named_poses import NamedPoses, read_camera, resized
-from geometry.pose_files import read_named_poses
-from geometry.sfm import reconstruct
-from geometry.threads import with_one_blas_thread
-from geometry.trajectory import Trajectory
-from locate.config import RunConfig
-from locate.decide import METHOD, decide
-from locate.detectors import (
+from detect.registry import (
     PLAIN,
     clutter_nats,
     files_of,
@@ -23,17 +14,26 @@ from locate.detectors import (
     make_detector,
     single_frame_detector,
 )
-from locate.journal import Report, silent
-from locate.known_lengths import KnownLengths
-from locate.observe import WHOLE, Recorded, load_points, observe, save_points
-from locate.place import Placement, place, telemetry_of
-from locate.plume import PlumeMap
-from locate.publish import publish
-from locate.robot.bag_recording import bag_of
-from locate.run_folder import RunFolder, fingerprint_of
+from geometry.camera import Camera
+from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.named_poses import NamedPoses, read_camera, resized
+from geometry.pose_files import read_named_poses
+from geometry.sfm import reconstruct
+from geometry.threads import with_one_blas_thread
+from geometry.trajectory import Trajectory
+from locate.journal.log import Report, silent
+from locate.map.plume import PlumeMap
+from locate.pipeline.config import RunConfig
+from locate.pipeline.decide import METHOD, decide
+from locate.pipeline.known_lengths import KnownLengths
+from locate.pipeline.observe import WHOLE, Recorded, load_points, observe, save_points
+from locate.pipeline.place import Placement, place, telemetry_of
+from locate.pipeline.publish import publish
+from locate.pipeline.run_folder import RunFolder, fingerprint_of
+from locate.recording import KeyFrames, Recording, open_recording, select_frames
+from locate.recording.bag import bag_of
+from locate.recording.recording import ANY_SIDE
 from locate.telemetry import read_telemetry
-from locate.video import KeyFrames, Recording, open_recording, select_frames
-from locate.video.recording import ANY_SIDE
 
 GUESSED_FOCAL = 1.2
 MOVING_SHARE = 0.02

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from detect import registry
 from detect.registered.features import FEATURES
 from detect.registered.learned import SCORES
+from detect.registry import files_of, make_detector
 from geometry.errors import BadInputError
-from locate import detectors
-from locate.config import RunConfig
-from locate.detectors import files_of, make_detector
-from locate.pipeline import Run
+from locate.pipeline.config import RunConfig
+from locate.pipeline.run import Run
 from tests.detect.onnx_files import convolution
 
 
@@ -25,7 +25,7 @@ def network(path: Path) -> Path:
 def test_registered_is_learned_where_weights_are_installed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(detectors, "REGISTERED_WEIGHTS", tmp_path / "installed.onnx")
+    monkeypatch.setattr(registry, "REGISTERED_WEIGHTS", tmp_path / "installed.onnx")
     assert make_detector("registered").name == "registered-plain"
     assert files_of("registered", None) == []
     installed = network(tmp_path / "installed.onnx")

@@ -10,8 +10,8 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.covariance import principal_sigmas
 from geometry.errors import BadInputError
-from locate.map_schema import SCHEMA, RefractiveIndex, checked_fields
-from locate.plain import plain
+from geometry.plain import plain
+from locate.map.schema import SCHEMA, RefractiveIndex, checked_fields
 
 
 @dataclass(frozen=True, kw_only=True)

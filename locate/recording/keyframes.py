@@ -9,9 +9,9 @@ import numpy as np
 
 from geometry.arrays import FloatArray, GreyImage, IntArray
 from geometry.errors import BadInputError
-from locate.video.index import KeyFrame, KeyFrames
-from locate.video.motion import StillnessTest, median_motion, sharpness, thumbnail
-from locate.video.recording import Recording
+from locate.recording.index import KeyFrame, KeyFrames
+from locate.recording.motion import StillnessTest, median_motion, sharpness, thumbnail
+from locate.recording.recording import Recording
 
 TARGET_MOTION = 0.005
 WINDOW = 0.25

@@ -23,8 +23,9 @@ from geometry.georeference.fixes import positions_of_cameras
 from geometry.georeference.gravity import up_from_gimbal, up_from_ground
 from geometry.georeference.lengths import scale_from_height
 from geometry.trajectory import Trajectory
-from locate.georeferenced import georeferenced
-from locate.plume import PlumeMap
+from locate.map.georeferenced import georeferenced
+from locate.map.plume import PlumeMap
+from locate.recording import KeyFrames
 from locate.telemetry import (
     AltitudeDatum,
     Track,
@@ -34,7 +35,6 @@ from locate.telemetry import (
     telemetry_candidates,
 )
 from locate.telemetry.track import COLUMNS
-from locate.video import KeyFrames
 
 HORIZONTAL_SIGMA_M, VERTICAL_SIGMA_M = 3.0, 6.0
 SHARED_SIGMA_M = (2.0, 2.0, 4.0)

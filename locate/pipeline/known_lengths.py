@@ -15,7 +15,7 @@ from geometry.georeference import Scale
 from geometry.georeference.board import find_board, marker_board, scale_from_board
 from geometry.georeference.lengths import point_from_pixels, scale_from_distance
 from geometry.trajectory import Trajectory
-from locate.images import FrameImages
+from locate.recording.images import FrameImages
 
 _BOARD = re.compile(r"(\w+):([\d.]+)(?::(\d+)x(\d+)(?::([\d.]+))?)?")
 BOARD_SYNTAX = "DICTIONARY:SIZE[:COLUMNSxROWS[:GAP]] in m, as in 4X4_50:0.15"
