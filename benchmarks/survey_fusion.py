@@ -19,9 +19,9 @@ from geometry.similarity import Similarity
 from locate.evaluation.plumes import pairs
 from locate.map.plume import Plume
 from locate.survey.associate import associate
-from locate.survey.evaluate import GATE_M
 from locate.survey.frame import Offset, Seen
 from locate.survey.occurrence import hotspot_posterior
+from locate.survey.scoring import GATE_M
 
 FLIGHTS, SITES, SIZE_M, APART_M = 8, 6, 80.0, 8.0
 OWN_M, WANDER_M, DRIFT_M, LEAN = 0.5, 1.0, 6.0, 0.2

@@ -16,7 +16,8 @@ from detect.dybs import DybsDetector
 from detect.registry import DYBS_WEIGHTS
 from detect.scores import auroc
 from detect.synthesis import Recipe, Sample, Sources, sample_at
-from locate.export.pictures import displacement_picture, save_png
+from locate.export.pictures import displacement_picture
+from locate.recording.images import write_png
 
 PLUME_PX = 0.06
 MASK_NATS = 2.0
@@ -56,7 +57,7 @@ def main(output: Path, seeds: list[int]) -> list[float]:
         ]
         rows.append(np.hstack(panels))
     output.parent.mkdir(parents=True, exist_ok=True)
-    save_png(output, np.vstack(rows))
+    write_png(output, np.vstack(rows))
     print(f"Look at {output}")
     return scores
 

@@ -15,8 +15,8 @@ from locate.journal.log import progress_bars
 from locate.simulation.campaign import Campaign, simulate_campaign
 from locate.survey.build import survey
 from locate.survey.engine import LOCAL
-from locate.survey.evaluate import SurveyScore, score_survey, score_table
 from locate.survey.model import Settings
+from locate.survey.scoring import SurveyScore, score_survey, score_table
 from locate.survey.table import survey_table
 
 SCENE = Path(__file__).parent / "scenes" / "campaign.yaml"

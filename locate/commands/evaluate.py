@@ -38,8 +38,8 @@ def evaluate(
 
 
 def _evaluate_survey(output: Path, truth: Path, *, as_json: bool) -> None:
-    from locate.survey.evaluate import score_survey, score_table
     from locate.survey.model import Survey
+    from locate.survey.scoring import score_survey, score_table
 
     score = score_survey(Survey.load(output / "survey.json"), truth)
     if as_json:

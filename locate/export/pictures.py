@@ -1,13 +1,10 @@
 """Displacement and evidence as pictures: colours in OpenCV's order, blue, green, red."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.arrays import FloatMap, GreyImage
-from geometry.atomic import replacing
 
 Picture = NDArray[np.uint8]
 
@@ -61,13 +58,6 @@ def heat(strength: FloatMap) -> Picture:
     """(H, W, 3) of (H, W) values in 0 to 1; the dark end of the map is left out."""
     level = (80 + 170 * strength).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_INFERNO), dtype=np.uint8)
-
-
-def save_png(path: Path, picture: Picture) -> None:
-    """Writes a picture or a grey image, whole or not at all."""
-    _, content = cv2.imencode(".png", picture)
-    with replacing(path) as unfinished:
-        unfinished.write_bytes(content.tobytes())
 
 
 def _labelled(picture: Picture, text: str) -> Picture:

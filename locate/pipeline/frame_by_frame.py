@@ -15,10 +15,11 @@ from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
-from locate.export.pictures import displacement_picture, overlay, save_png
+from locate.export.pictures import displacement_picture, overlay
 from locate.journal.log import Report, silent
 from locate.pipeline.run_folder import replace_text
 from locate.recording.frame_files import FrameFiles
+from locate.recording.images import write_png
 from locate.recording.recording import ANY_SIDE, open_recording
 from locate.recording.writer import open_video
 
@@ -134,10 +135,10 @@ def _save(detection: Detection, output: Path, label: str, threshold_nats: float)
     with replacing(output / "detections" / f"{label}.npz") as unfinished:
         detection.save(unfinished)
     mask = np.where(detection.llr > threshold_nats, np.uint8(255), np.uint8(0))
-    save_png(output / "masks" / f"{label}.png", mask)
+    write_png(output / "masks" / f"{label}.png", mask)
     measured = np.isfinite(detection.sigma_px)[..., None]
     shown = np.where(measured, detection.displacement, 0)
-    save_png(output / "pictures" / f"{label}.png", displacement_picture(shown))
+    write_png(output / "pictures" / f"{label}.png", displacement_picture(shown))
 
 
 @contextmanager

@@ -10,9 +10,8 @@ import numpy as np
 from detect.detection import Frames
 from geometry.named_poses import read_camera
 from geometry.pose_files import read_named_poses
-from locate.export.pictures import save_png
 from locate.pipeline.observe import Recorded
-from locate.recording.images import FrameImages
+from locate.recording.images import FrameImages, write_png
 from locate.recording.recording import Recording
 
 PHOTOS_FPS = 4.0
@@ -60,7 +59,7 @@ class FrameFiles:
         kept = []
         for frame in recording.frames():
             if frame.index % every == 0:
-                save_png(workshop / f"{frame.index:06d}.png", frame.image)
+                write_png(workshop / f"{frame.index:06d}.png", frame.image)
                 kept.append((frame.index, frame.time_s))
         indices, times_s = zip(*kept, strict=True)
         step_s = (times_s[-1] - times_s[0]) / max(len(kept) - 1, 1)

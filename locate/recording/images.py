@@ -7,9 +7,11 @@ from typing import overload
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from detect.warp import sample
 from geometry.arrays import FloatMap, GreyImage
+from geometry.atomic import replacing
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 
@@ -79,6 +81,13 @@ def read_grey(path: Path) -> GreyImage:
     if image.dtype != np.uint8:
         raise BadInputError(f"{path}: samples are {image.dtype}; save it with 8 or 16 bits")
     return np.asarray(image)
+
+
+def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Writes a colour picture or a grey image, whole or not at all."""
+    _, content = cv2.imencode(".png", picture)
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(content.tobytes())
 
 
 def bending(camera: Camera) -> FloatMap | None:

@@ -7,9 +7,9 @@ import numpy as np
 from geometry.arrays import FloatArray, IntArray
 from geometry.georeference import HeightDatum
 from locate.survey.associate import Fused
+from locate.survey.coverage import Looks
 from locate.survey.findings import Hotspot, Sighting, matrix, vector
 from locate.survey.frame import Seen
-from locate.survey.looks import Looks
 from locate.survey.model import Flight, Survey
 from locate.survey.occurrence import hotspot_counts
 

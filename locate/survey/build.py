@@ -17,11 +17,11 @@ from locate.pipeline.run_folder import CONFIG
 from locate.survey.answer import hotspots_of, notes_of, sightings_in
 from locate.survey.associate import Fused, associate
 from locate.survey.cells import Cells, Spot, count_cells
+from locate.survey.coverage import Look, Looks
 from locate.survey.engine import map_flights
 from locate.survey.findings import Wind
 from locate.survey.flights import Fly, Given
 from locate.survey.frame import Seen, offset_of, sightings_of
-from locate.survey.looks import Look, Looks
 from locate.survey.model import Column, Flight, Settings, Survey
 from locate.survey.moments import bin_of, bin_order
 from locate.survey.publish import publish

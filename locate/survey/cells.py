@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import norm
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
-from locate.survey.looks import Looks
+from locate.survey.coverage import Looks
 from locate.survey.occurrence import pooled_prior, posterior, posterior_mean
 
 LATTICE = 15

@@ -18,8 +18,8 @@ from locate.commands.survey import survey as command
 from locate.simulation.campaign import SCHEMA, Campaign
 from locate.survey import engine
 from locate.survey.build import survey
-from locate.survey.evaluate import score_survey
 from locate.survey.model import Settings, Survey
+from locate.survey.scoring import score_survey
 from tests.locate.survey_runs import FIELD, Flown, write_run
 
 SITES = np.array([[5.0, 10.0, 0.0], [-8.0, -15.0, 0.0], [10.0, -4.0, 0.0]])

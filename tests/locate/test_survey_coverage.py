@@ -11,9 +11,9 @@ import pytest
 from detect.response import Response
 from geometry.errors import BadInputError
 from locate.survey.cells import Spot, count_cells, spread
+from locate.survey.coverage import Look, Looks, look, views_of
 from locate.survey.flights import Fly, Given
 from locate.survey.frame import offset_of, sightings_of
-from locate.survey.looks import Look, Looks, look, views_of
 from locate.survey.model import Column, Flight, Moment, Settings
 from locate.survey.moments import bin_of, moment_of_track
 from locate.survey.wind import wind_of
@@ -165,7 +165,7 @@ def test_cells_too_small_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_threshold_is_drawn_again_where_the_run_did_not_keep_it(tmp_path: Path) -> None:
-    from locate.survey.looks import threshold_nats
+    from locate.survey.coverage import threshold_nats
 
     one = flight(tmp_path, Flown(name="old"))
     assert threshold_nats(one.folder, views_of(one.folder)) == pytest.approx(20.0)
