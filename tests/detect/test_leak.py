@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from benchmarks import leak
+from benchmarks.warp_leak import networks as leak
 from detect.synthesis import Sample, shards_in
 
 SEEDS = 12

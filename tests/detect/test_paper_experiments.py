@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import paper_experiments as paper
+from benchmarks.paper import experiments as paper
 from detect.detection import Detection
 
 SHAPE = (40, 60)

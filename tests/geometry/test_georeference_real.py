@@ -18,7 +18,7 @@ SIGMAS_M = (3.0, 3.0, 6.0)
 
 def reconstructed(folder: Path, workdir: Path) -> tuple[Reconstruction, Track]:
     """The scene, and the record of each of its frames."""
-    bench = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "sfm_real.py"))
+    bench = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "sfm.py"))
     found, frames = bench["run"](folder, workdir)
     source = {frame.name: frame.source for frame in frames.frames}
     track = read_telemetry(folder)

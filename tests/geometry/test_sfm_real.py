@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def bench() -> dict[str, Any]:
-    return runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "sfm_real.py"))
+    return runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "sfm.py"))
 
 
 def test_fountain_calibrated(shared_data: Path, tmp_path: Path, bench: dict[str, Any]) -> None:

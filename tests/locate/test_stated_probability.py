@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.reliability import NOTHING, Judged, Share, Stated, binned
-from benchmarks.reliability_picture import along, picture, row
-from benchmarks.reliability_report import found_over_limit, log_loss, report
-from benchmarks.stated_probability import (
+from benchmarks.reliability.outcomes import NOTHING, Judged, Share, Stated, binned
+from benchmarks.reliability.picture import along, picture, row
+from benchmarks.reliability.recordings import (
     FLOWS,
     SEEDS,
     Place,
@@ -20,6 +19,7 @@ from benchmarks.stated_probability import (
     scene_of,
     strongest,
 )
+from benchmarks.reliability.report import found_over_limit, log_loss, report
 from detect.calibration import logistic
 from geometry.arrays import FloatArray
 from locate.fusion.null import NullLevel

@@ -33,7 +33,7 @@ from detect.scores import auroc
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 from locate.recording.images import read_grey
 
-DEFAULT_DATA = Path(__file__).parents[1] / "../shared/data"
+DEFAULT_DATA = Path(__file__).parents[2] / "../shared/data"
 BLOWTORCH = ("blowtorch_plume", "sop_enc_test_000.tif", "sop_enc_test_001.tif")
 JET = ("supersonic_jet", "A000.tif", "A001.tif")
 STEP_PX, FIRST_PX, WINDOW_SIGMA_PX, OUTLIER_PX = 8, 8, 4.0, 6.0

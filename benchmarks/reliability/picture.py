@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from benchmarks.reliability import Judged, Share
-from benchmarks.reliability_report import by_column, by_plume, found_over_limit, parted
-from benchmarks.seeing import text
+from benchmarks.reliability.outcomes import Judged, Share
+from benchmarks.reliability.report import by_column, by_plume, found_over_limit, parted
+from benchmarks.sensitivity.conditions import text
 
 Colour = tuple[int, int, int]
 NATS = (0.3, 1, 3, 10, 30, 100)

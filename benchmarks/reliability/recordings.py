@@ -24,10 +24,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.reliability import NOTHING, Judged, Stated
-from benchmarks.reliability_picture import picture
-from benchmarks.reliability_report import report
-from benchmarks.seeing import Recorded, labels, record
+from benchmarks.reliability.outcomes import NOTHING, Judged, Stated
+from benchmarks.reliability.picture import picture
+from benchmarks.reliability.report import report
+from benchmarks.sensitivity.conditions import Recorded, labels, record
 from detect.registered import RegisteredDetector
 from detect.registry import clutter_nats, registered_weights
 from detect.synthesis.sample import log_uniform

@@ -9,11 +9,11 @@ import argparse
 from pathlib import Path
 
 import cv2
-from orbit_scenes import row, run
 
+from benchmarks.scenes.orbit import row, run
 from locate.simulation import Scene, simulate
 
-SCENES = Path(__file__).parents[1] / "examples" / "scenes"
+SCENES = Path(__file__).parents[2] / "examples" / "scenes"
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import expit
 
-from benchmarks.reliability import Bin, Judged, Share, binned
+from benchmarks.reliability.outcomes import Bin, Judged, Share, binned
 from detect.calibration import logistic
 from geometry.arrays import BoolArray, FloatArray
 from locate.pipeline.decide import RIGHTLY_TOLD

@@ -15,8 +15,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from orbit_scenes import render
 
+from benchmarks.scenes.orbit import render
 from detect.fluctuation import Fluctuation
 from detect.synthesis.raster import photos_in
 from geometry.arrays import GreyImage

@@ -25,8 +25,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from detection_limit import recorded
 
+from benchmarks.scenes.limit import recorded
 from detect.evidence import LLR_MAX, LLR_MIN, displacement_evidence
 from detect.registered.calibrate import Read, chosen, read_lesson
 from detect.registered.detector import RegisteredDetector, displacement_sigma
