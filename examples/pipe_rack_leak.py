@@ -15,7 +15,7 @@ from geometry.trajectory import Trajectory
 from locate.evaluation import Evaluation, evaluate
 from locate.evaluation.table import evaluation_table
 from locate.export.table import map_table
-from locate.journal.log import progress_bars
+from locate.journal.progress import progress_bars
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.simulation import Scene, simulate

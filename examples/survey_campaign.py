@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from locate.journal.log import progress_bars
+from locate.journal.progress import progress_bars
 from locate.simulation.campaign import Campaign, simulate_campaign
 from locate.survey.build import survey
 from locate.survey.engine import LOCAL

@@ -22,7 +22,7 @@ from detect.registry import make_detector
 from geometry.arrays import FloatMap, GreyImage
 from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate
-from locate.journal.log import silent
+from locate.journal.progress import silent
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.decide import decide

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from locate.commands.console import Weights, err, out
-from locate.journal.log import interruptible, progress_bars
+from locate.journal.progress import interruptible, progress_bars
 
 MOST_FRAMES = 40
 

@@ -9,7 +9,7 @@ import typer
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
-from locate.journal.log import Report, progress_bars
+from locate.journal.progress import Report, progress_bars
 
 if TYPE_CHECKING:
     from detect.recordings import RecordedPairs

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from locate.commands.console import Output, Weights, err, out
-from locate.journal.log import interruptible, progress_bars
+from locate.journal.progress import interruptible, progress_bars
 
 Name = Literal["dybs", "bos", "registered", "registered-plain"]
 

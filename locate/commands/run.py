@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from locate.commands.console import Output, Verbose, Weights, err, out
-from locate.journal.log import interruptible, journal, progress_bars, silent
+from locate.journal.log import log_to_file
+from locate.journal.progress import interruptible, progress_bars, silent
 from locate.pipeline.config import DetectorName, RunConfig
 
 
@@ -95,7 +96,7 @@ def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None
 
     with interruptible(), progress_bars(err) as report:
         job = Run(config, output, force=force, report=silent if verbose else report)
-        with journal(output / "log.jsonl", console=err if verbose else None):
+        with log_to_file(output / "log.jsonl", console=err if verbose else None):
             plume_map = job.run()
     found = plume_map.plumes or plume_map.bearings
     out.print(map_table(plume_map) if found else plume_map.limit_text())

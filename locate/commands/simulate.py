@@ -7,7 +7,7 @@ import typer
 
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
-from locate.journal.log import progress_bars
+from locate.journal.progress import progress_bars
 
 
 def simulate(

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from locate.commands.console import Verbose, Weights, err, out
-from locate.journal.log import interruptible, journal, progress_bars, silent
+from locate.journal.log import log_to_file
+from locate.journal.progress import interruptible, progress_bars, silent
 from locate.pipeline.config import DetectorName
 
 
@@ -84,7 +85,7 @@ def survey(
         progress_bars(err) as report,
     ):
         before = opened(folder).settings
-        with journal(folder / "log.jsonl", console=err if verbose else None):
+        with log_to_file(folder / "log.jsonl", console=err if verbose else None):
             done = join(
                 fetched(flights or [], folder, scheduler),
                 folder,

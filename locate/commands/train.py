@@ -14,7 +14,7 @@ from detect.synthesis.raster import photos_in
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
-from locate.journal.log import interruptible, progress_bars
+from locate.journal.progress import interruptible, progress_bars
 
 if TYPE_CHECKING:
     from detect.learning.config import PoolConfig, TrainConfig

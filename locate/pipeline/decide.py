@@ -20,7 +20,7 @@ from locate.fusion.bearings import find_bearings
 from locate.fusion.fuse import fuse
 from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
 from locate.fusion.views import RANGE_TO_UNIT, Views
-from locate.journal.log import Report, silent
+from locate.journal.progress import Report, silent
 from locate.map.plume import Plume, PlumeMap
 from locate.pipeline.observe import Recorded, load_detections, load_response
 

@@ -16,7 +16,7 @@ from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
 from locate.export.pictures import displacement_picture, overlay
-from locate.journal.log import Report, silent
+from locate.journal.progress import Report, silent
 from locate.pipeline.run_folder import replace_text
 from locate.recording.frame_files import FrameFiles
 from locate.recording.images import write_png

@@ -17,7 +17,7 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError, first_complaint
 from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
-from locate.journal.log import Report
+from locate.journal.progress import Report
 from locate.recording.images import FrameImages
 from locate.recording.keyframes import CLOSELY_S
 from locate.recording.motion import median_motion

@@ -14,8 +14,9 @@ from locate.export.geojson import write_geojson
 from locate.export.geopackage import write_geopackage
 from locate.export.kml import write_kml
 from locate.export.ply import write_plumes_ply
-from locate.export.report import ReportFrame, StageTime, write_report
+from locate.export.report import ReportFrame, write_report
 from locate.export.waypoints import write_cup, write_gpx
+from locate.journal.costs import StageTime
 from locate.map.plume import Plume, PlumeMap
 from locate.pipeline.observe import Recorded, load_detections, load_points
 

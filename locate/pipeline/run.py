@@ -21,7 +21,7 @@ from geometry.pose_files import read_named_poses
 from geometry.sfm import reconstruct
 from geometry.threads import with_one_blas_thread
 from geometry.trajectory import Trajectory
-from locate.journal.log import Report, silent
+from locate.journal.progress import Report, silent
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.decide import METHOD, decide

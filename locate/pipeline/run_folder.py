@@ -3,7 +3,6 @@
 import hashlib
 import json
 import logging
-import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.removal import is_plain_name, path_inside, remove_inside
 from locate import __version__
-from locate.export.report import StageTime
+from locate.journal.costs import StageTime, cpu_seconds
 
 SCHEMA = "locate.run/1"
 CONFIG, LOG = "config.yaml", "log.jsonl"
@@ -223,12 +222,6 @@ class RunFolder:
             (partial / name).replace(self.root / name)
         partial.rmdir()
         return names
-
-
-def cpu_seconds() -> float:
-    """CPU seconds of this process and its finished children."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 def digest(content: bytes) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from detect.detection import Detector
 from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
-from locate.journal.log import Report, silent
+from locate.journal.progress import Report, silent
 from locate.map.plume import PlumeMap
 from locate.messages.bags import BagTopics, Topics, opened
 from locate.messages.wiring import Wiring

@@ -11,7 +11,7 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
 from locate import __version__
-from locate.journal.log import Report, silent
+from locate.journal.progress import Report, silent
 from locate.map.plume import Plume
 from locate.pipeline.run_folder import CONFIG
 from locate.survey.answer import hotspots_of, notes_of, sightings_in

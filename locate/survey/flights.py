@@ -11,7 +11,7 @@ import yaml
 from geometry.errors import BadInputError, InterruptedRunError, LocateError
 from geometry.georeference import Georeference
 from geometry.trajectory import Trajectory
-from locate.journal.log import journal
+from locate.journal.log import log_to_file
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.place import telemetry_of
@@ -79,7 +79,7 @@ class Fly:
         share = (int(name.split()[1]), BATCHES) if name.startswith("detections") else None
         try:
             run = Run(self.settings.run_of(given.source), given.folder)
-            with journal(given.folder / LOG):
+            with log_to_file(given.folder / LOG):
                 run.prepare(poses=name != "frames", share=share)
         except InterruptedRunError:
             raise
@@ -112,7 +112,7 @@ class Fly:
         from locate.pipeline.run import Run
 
         run = Run(self.settings.run_of(given.source), given.folder)
-        with journal(given.folder / LOG):
+        with log_to_file(given.folder / LOG):
             run.run()
 
 

@@ -11,8 +11,9 @@ import pytest
 
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
-from locate.export.report import ReportFrame, StageTime, shapes, write_report
+from locate.export.report import ReportFrame, shapes, write_report
 from locate.export.report.pictures import evidence_uri
+from locate.journal.costs import StageTime
 from locate.map.plume import Bearing, PlumeMap
 from tests.locate.answers import SOURCE, orbit, plume, plume_map
 

@@ -11,7 +11,7 @@ from detect.detection import Detection, Frames
 from detect.response import Response
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.journal.log import silent
+from locate.journal.progress import silent
 from locate.pipeline.observe import Recorded, load_detections, load_response, observe
 
 SAYS = Response(ratios=(0.0, 2.0), llr=(-1.0, 3.0))

@@ -14,6 +14,7 @@ from geometry.trajectory import Trajectory
 from locate.export.html import definitions, items, resource, table, write_page
 from locate.export.report import pictures, scene, words
 from locate.export.table import answer_rows
+from locate.journal.costs import StageTime
 from locate.map.plume import PlumeMap
 
 
@@ -32,16 +33,6 @@ class ReportFrame:
     image: GreyImage
     llr: FloatMap
     source_px: FloatArray | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class StageTime:
-    """What a stage of the run cost."""
-
-    name: str
-    wall_s: float
-    cpu_s: float
-    note: str = ""
 
 
 def write_report(
