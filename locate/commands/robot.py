@@ -78,12 +78,8 @@ def bag(
             recording,
             output,
             topics=Topics(image=image_topic, camera_info=info_topic, pose=pose_topic),
-            wiring=Wiring(
-                world_frame=world_frame,
-                body_frame=body_frame,
-                rectified=rectified,
-                settings=settings,
-            ),
+            wiring=Wiring(world_frame=world_frame, body_frame=body_frame, rectified=rectified),
+            settings=settings,
             report=report,
         )
     out.print(map_table(plume_map))
@@ -127,10 +123,10 @@ def dds(
         body_frame=body_frame,
         pose_source=source,
         rectified=rectified,
-        settings=_settings(width_px=width_px, neighbours=neighbours, lookers=lookers),
     )
+    settings = _settings(width_px=width_px, neighbours=neighbours, lookers=lookers)
     names = TopicNames(image=image_topic, camera_info=info_topic, pose=pose_topic or "")
-    node = DdsNode(Wire(domain), wiring, names, output=output or OUTPUT)
+    node = DdsNode(Wire(domain), wiring, names, settings=settings, output=output or OUTPUT)
     try:
         while True:
             node.spin_once()

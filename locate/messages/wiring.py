@@ -1,6 +1,6 @@
 """How a robot's frames hang together, and where that puts the camera."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -15,7 +15,6 @@ from locate.messages.transforms import (
     moved_covariance,
     tangent_covariance,
 )
-from locate.robot.settings import Settings
 
 PoseSource = Literal["tf", "odometry", "pose"]
 
@@ -33,7 +32,6 @@ class Wiring:
         pose_sigma_m: Position sigma of poses that come without covariance, m; 0 is unknown.
         pose_sigma_deg: Their rotation sigma; 0 is unknown.
         rectified: The images are rectified.
-        settings: Of the locator.
 
     Raises:
         BadInputError: The pose source is not known.
@@ -46,7 +44,6 @@ class Wiring:
     pose_sigma_m: float = 0.0
     pose_sigma_deg: float = 0.0
     rectified: bool = False
-    settings: Settings = field(default_factory=Settings)
 
     def __post_init__(self) -> None:
         known = get_args(PoseSource)

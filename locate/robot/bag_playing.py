@@ -13,6 +13,7 @@ from locate.messages.bags import BagTopics, Topics, opened
 from locate.messages.wiring import Wiring
 from locate.robot.bag_results import write_updates
 from locate.robot.feeder import Feeder
+from locate.robot.settings import Settings
 from locate.robot.tracks import Update
 
 
@@ -23,6 +24,7 @@ def locate_in_bag(
     *,
     topics: Topics,
     wiring: Wiring,
+    settings: Settings | None = None,
     detector: Detector | None = None,
     report: Report = silent,
 ) -> PlumeMap:
@@ -33,6 +35,7 @@ def locate_in_bag(
         output: A folder; made where it is missing.
         topics: Of the bag.
         wiring: How the robot's frames hang together; its pose source is set by `topics`.
+        settings: Of the `Locator`; None takes its defaults.
         detector: None takes that of the `Locator`.
         report: Told how far it is.
 
@@ -41,7 +44,7 @@ def locate_in_bag(
     """
     with opened(path) as reader:
         chosen = BagTopics(reader, path, topics)
-        feeder = Feeder(chosen.wired(wiring), detector=detector, threaded=False)
+        feeder = Feeder(chosen.wired(wiring), settings=settings, detector=detector, threaded=False)
         news = list(_play(chosen, feeder, report))
         if feeder.locator is None or not feeder.locator.counts.key_frames:
             raise BadInputError(f"{path}: nothing could be looked at ({feeder.trouble()})")

@@ -18,6 +18,7 @@ from locate.robot.announcer import (
 from locate.robot.control import Control
 from locate.robot.feeder import Feeder
 from locate.robot.messages import Messages
+from locate.robot.settings import Settings
 from locate.robot.wire import Wire
 
 POSE_TYPES = {
@@ -63,6 +64,7 @@ class DdsNode:
         wire: The robot's DDS.
         wiring: How the robot's frames hang together.
         names: Of the topics.
+        settings: Of the `Locator`; None takes its defaults.
         detector: None takes that of the `Locator`.
         output: Folder that the command ``save`` writes map.json into.
 
@@ -78,11 +80,12 @@ class DdsNode:
         wiring: Wiring,
         names: TopicNames,
         *,
+        settings: Settings | None = None,
         detector: Detector | None = None,
         output: Path = OUTPUT,
     ) -> None:
         self._wire, self._out = wire, names.out
-        self.feeder = Feeder(wiring, detector=detector)
+        self.feeder = Feeder(wiring, settings=settings, detector=detector)
         self._senders = {
             name: wire.advertise(f"{names.out}/{name}", type_of(name)) for name in (MARKERS, POINTS)
         }

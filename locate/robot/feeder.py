@@ -11,6 +11,7 @@ from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
 from locate.messages.transforms import TransformTree
 from locate.messages.wiring import Poser, Wiring
 from locate.robot.locator import Locator
+from locate.robot.settings import Settings
 
 MOST_PENDING = 120
 
@@ -20,6 +21,7 @@ class Feeder:
 
     Args:
         wiring: How the robot's frames hang together.
+        settings: Of the `Locator`; None takes its defaults.
         detector: None takes that of the `Locator`.
         threaded: As of the `Locator`.
         on_refusal: Told of each message that cannot be used.
@@ -35,6 +37,7 @@ class Feeder:
         self,
         wiring: Wiring,
         *,
+        settings: Settings | None = None,
         detector: Detector | None = None,
         threaded: bool = True,
         on_refusal: Callable[[str], object] = str,
@@ -45,6 +48,7 @@ class Feeder:
         self.last_refusal = ""
         self._wiring = wiring
         self._poser = Poser(wiring)
+        self._settings = settings
         self._detector = detector
         self._threaded = threaded
         self._on_refusal = on_refusal
@@ -80,9 +84,11 @@ class Feeder:
         if self.locator is not None:
             self.locator.set_camera(camera)
         else:
-            settings = self._wiring.settings
             self.locator = Locator(
-                camera, settings=settings, detector=self._detector, threaded=self._threaded
+                camera,
+                settings=self._settings,
+                detector=self._detector,
+                threaded=self._threaded,
             )
 
     def image(self, message: Any) -> None:

@@ -48,8 +48,13 @@ class LocateNode:
     def __init__(self, node: Any, *, detector: Detector | None = None) -> None:
         self.node = node
         self._declare()
-        self._wiring = self._wired()
-        self.feeder = Feeder(self._wiring, detector=detector, on_refusal=self._warn)
+        self._wiring = Wiring(**self._fields_of(Wiring))
+        self.feeder = Feeder(
+            self._wiring,
+            settings=Settings(**self._fields_of(Settings)),
+            detector=detector,
+            on_refusal=self._warn,
+        )
         self._messages = Messages(
             ros_class, self._wiring.world_frame, octets=bytes, octet=lambda value: bytes([value])
         )
@@ -78,14 +83,9 @@ class LocateNode:
     def _parameter(self, name: str) -> Any:
         return self.node.get_parameter(name).value
 
-    def _wired(self) -> Wiring:
-        settings = {field.name: self._parameter(field.name) for field in fields(Settings)}
-        wiring = {
-            field.name: self._parameter(field.name)
-            for field in fields(Wiring)
-            if field.name != "settings"
-        }
-        return Wiring(**wiring, settings=Settings(**settings))
+    def _fields_of(self, kind: type[Wiring] | type[Settings]) -> dict[str, Any]:
+        """The parameters that are named as the fields of a dataclass."""
+        return {field.name: self._parameter(field.name) for field in fields(kind)}
 
     def _warn(self, text: str) -> None:
         self.node.get_logger().warning(text, throttle_duration_sec=WARN_EVERY_S)

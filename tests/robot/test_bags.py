@@ -188,7 +188,8 @@ def test_bags_of_every_kind_are_played(kind: str, some: Views, tmp_path: Path) -
         path,
         tmp_path / "out",
         topics=Topics(),
-        wiring=Wiring(settings=UNDECIDED),
+        wiring=Wiring(),
+        settings=UNDECIDED,
         detector=oracle,
     )
     assert sorted(oracle.seen) == list(range(SOME))
@@ -199,10 +200,10 @@ def test_results_are_a_bag_that_other_readers_open(
 ) -> None:
     path = write_2(tmp_path / "bag", views, MCAP)
     output = tmp_path / "out"
-    wiring = Wiring(settings=UNDECIDED)
+    wiring = Wiring()
     for _ in range(2):
         plume_map = locate_in_bag(
-            path, output, topics=Topics(), wiring=wiring, detector=Oracle(views)
+            path, output, topics=Topics(), wiring=wiring, settings=UNDECIDED, detector=Oracle(views)
         )
     (plume,) = plume_map.plumes
     assert PlumeMap.load(output / "map.json").plumes[0].source.tolist() == plume.source.tolist()
@@ -239,9 +240,9 @@ def test_topics_that_are_not_there_are_named(
 
 def test_wrong_world_frame_is_explained(some: Views, tmp_path: Path) -> None:
     path = write_2(tmp_path / "bag", some, MCAP)
-    wiring = Wiring(world_frame="earth", settings=UNDECIDED)
+    wiring = Wiring(world_frame="earth")
     with pytest.raises(BadInputError, match="pose"):
-        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=wiring)
+        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=wiring, settings=UNDECIDED)
 
 
 @pytest.mark.parametrize("name", ["broken.mcap", "broken.db3", "broken.bag", "missing.mcap"])
@@ -258,12 +259,19 @@ def test_cut_recording_is_refused_or_played_so_far(some: Views, tmp_path: Path) 
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(BadInputError, match=r"bag\.mcap"):
-        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=Wiring(settings=UNDECIDED))
+        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=Wiring(), settings=UNDECIDED)
 
 
 def test_users_folder_is_not_overwritten(some: Views, tmp_path: Path) -> None:
     path = write_2(tmp_path / "bag", some, MCAP)
     (tmp_path / "out" / "plumes").mkdir(parents=True)
-    wiring = Wiring(settings=UNDECIDED)
+    wiring = Wiring()
     with pytest.raises(BadInputError, match="not a bag"):
-        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=wiring, detector=Oracle(some))
+        locate_in_bag(
+            path,
+            tmp_path / "out",
+            topics=Topics(),
+            wiring=wiring,
+            settings=UNDECIDED,
+            detector=Oracle(some),
+        )

@@ -124,8 +124,8 @@ def robot(request: pytest.FixtureRequest, wire: Wire) -> Iterator[Robot]:
 
 @pytest.fixture
 def node(wire: Wire, views: Views) -> Iterator[DdsNode]:
-    wiring = Wiring(settings=QUICK, pose_sigma_m=0.01, pose_sigma_deg=0.1)
-    node = DdsNode(wire, wiring, TopicNames(image=IMAGE), detector=Oracle(views))
+    wiring = Wiring(pose_sigma_m=0.01, pose_sigma_deg=0.1)
+    node = DdsNode(wire, wiring, TopicNames(image=IMAGE), detector=Oracle(views), settings=QUICK)
     yield node
     node.close()
 
@@ -134,7 +134,7 @@ def node(wire: Wire, views: Views) -> Iterator[DdsNode]:
 def blind_node(wire: Wire, tmp_path: Path) -> Iterator[DdsNode]:
     """Its camera and its name are nobody else's."""
     topics = TopicNames(image=IMAGE, camera_info="/nobody/camera_info", out="/quiet")
-    node = DdsNode(wire, Wiring(settings=QUICK), topics, output=tmp_path)
+    node = DdsNode(wire, Wiring(), topics, output=tmp_path, settings=QUICK)
     yield node
     node.close()
 
@@ -224,7 +224,7 @@ def test_commands_are_answered_and_diagnostics_told(
 
 
 def test_save_writes_the_map_and_reset_forgets_it(wire: Wire, views: Views, tmp_path: Path) -> None:
-    node = DdsNode(wire, Wiring(settings=QUICK), TopicNames(), output=tmp_path / "new")
+    node = DdsNode(wire, Wiring(), TopicNames(), output=tmp_path / "new", settings=QUICK)
     node.feeder.info(Recorder(Stores.ROS2_JAZZY).info(views, 0))
     answer = node.control.command("save", 0)
     assert answer.success
@@ -237,7 +237,7 @@ def test_save_writes_the_map_and_reset_forgets_it(wire: Wire, views: Views, tmp_
 
 
 def test_image_that_cannot_be_read_is_counted(wire: Wire, views: Views) -> None:
-    node = DdsNode(wire, Wiring(settings=QUICK), TopicNames(image="/bad/image_raw"))
+    node = DdsNode(wire, Wiring(), TopicNames(image="/bad/image_raw"), settings=QUICK)
     send = wire.advertise("/bad/image_raw", KINDS[IMAGE])
     message = Recorder(Stores.ROS2_JAZZY).image(views, 0)
     message.encoding = "\udcff\udcff"

@@ -52,7 +52,7 @@ def odometry(pose: np.ndarray, stamp_ns: int, covariance: np.ndarray) -> Any:
 
 
 def feeder(**wiring: Any) -> Feeder:
-    made = Feeder(Wiring(settings=SETTINGS, **wiring), threaded=False)
+    made = Feeder(Wiring(**wiring), settings=SETTINGS, threaded=False)
     made.info(camera_info(**SMALL))
     made.static_transforms(transforms("camera", "base", MOUNT))
     return made
@@ -100,7 +100,7 @@ def test_pose_of_the_camera_itself_needs_no_tf() -> None:
 
 
 def test_troubles_are_named() -> None:
-    made = Feeder(Wiring(settings=SETTINGS, pose_source="odometry"), threaded=False)
+    made = Feeder(Wiring(pose_source="odometry"), settings=SETTINGS, threaded=False)
     assert made.trouble() == "no camera_info yet"
     made.image(picture(NS))
     assert "camera_info" in made.trouble()
