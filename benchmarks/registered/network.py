@@ -28,12 +28,12 @@ import numpy as np
 
 from benchmarks.scenes.limit import recorded
 from detect.evidence import LLR_MAX, LLR_MIN, displacement_evidence
+from detect.learning.clips import KINDS, Lesson, lesson_path, lesson_paths, seed_of
 from detect.registered.calibrate import Read, chosen, read_lesson
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.detector import trust as trust_in
 from detect.registered.features import FEATURES, SMALL_PX, feature, features
 from detect.registered.learned import CLASS_NAMES, Reader
-from detect.registered.lessons import KINDS, Lesson, lesson_path, lesson_paths, seed_of
 from detect.scores import auroc, average_precision
 from geometry.arrays import FloatMap
 from locate.pipeline.observe import load_points, spread
@@ -53,8 +53,8 @@ def name_of(amplitude_px: float, noise: float) -> str:
 
 
 def render(options: argparse.Namespace) -> None:
+    from locate.simulation.clips import lesson_scene, measured
     from locate.simulation.filming import Take, film
-    from locate.simulation.lessons import lesson_scene, measured
 
     for seed in range(FIRST_SEED, FIRST_SEED + options.scenes):
         for amplitude_px, noise in CONDITIONS:

@@ -45,10 +45,10 @@ from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
 from locate.fusion.views import Views
+from locate.simulation.clips import disturbed
 from locate.simulation.coding import h264
 from locate.simulation.filming import Take, film
 from locate.simulation.layouts import random_scene
-from locate.simulation.lessons import disturbed
 from locate.simulation.nuisances import NUISANCES, spoiled
 from locate.simulation.paths import fly
 from locate.simulation.scene import CameraBlock, Scene

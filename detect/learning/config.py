@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError, model_validator
 
-from detect.registered.lessons import Leaks
+from detect.learning.clips import Leaks
 from geometry.errors import BadInputError, first_complaint
 
 Range = tuple[float, float]

@@ -8,8 +8,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from detect.learning.clips import KINDS, Lesson, lesson_path, lesson_paths
 from detect.learning.config import PoolConfig, TrainConfig
-from detect.registered.lessons import KINDS, Lesson, lesson_path, lesson_paths
 from detect.synthesis.dataset import Half, shards_in
 from detect.synthesis.recipe import SAMPLE_FAMILIES
 from geometry.arrays import BoolArray, FloatMap

@@ -16,9 +16,9 @@ import numpy as np
 
 from detect.calibration import Calibration
 from detect.evidence import null_scale
+from detect.learning.clips import Lesson, lesson_paths, seed_of
 from detect.registered.features import feature
 from detect.registered.learned import CLASS_NAMES, SCORES, Opinion, Reader
-from detect.registered.lessons import Lesson, lesson_paths, seed_of
 from detect.response import Response
 from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import BadInputError, LocateError

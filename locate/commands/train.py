@@ -86,7 +86,7 @@ def render_missing_lessons(config: "TrainConfig", *, report: Report, processes: 
     Raises:
         BadInputError: There are no photos of the split where lessons are made of photos.
     """
-    from detect.registered.lessons import lesson_path
+    from detect.learning.clips import lesson_path
 
     for name, pool in config.pools.items():
         seeds = [seed for seed in pool.all_seeds() if not lesson_path(pool.folder, seed).exists()]
@@ -104,9 +104,9 @@ def render_missing_lessons(config: "TrainConfig", *, report: Report, processes: 
 def _render_lesson(pool: "PoolConfig", photos: Sequence[Path], seed: int) -> None:
     import cv2
 
-    from detect.registered.lessons import lesson_path
-    from locate.simulation.lessons import make_lesson
-    from locate.simulation.make_lessons import write_photo_lessons, write_set_lessons
+    from detect.learning.clips import lesson_path
+    from locate.simulation.clips import make_lesson
+    from locate.simulation.make_clips import write_photo_lessons, write_set_lessons
 
     cv2.setNumThreads(1)
     if pool.photo_set is not None:

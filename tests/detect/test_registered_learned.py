@@ -8,13 +8,13 @@ import pytest
 
 from detect.calibration import Calibration, Scale
 from detect.learning.augmentation import augment
+from detect.learning.clips import KINDS, Lesson, lesson_path
 from detect.learning.config import Augmentation, PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered import RegisteredDetector
 from detect.registered.calibrate import calibrate, main, read_lesson
 from detect.registered.features import FEATURES, SMALL_PX, Plain, feature, features
 from detect.registered.learned import CLASS_NAMES, SCORES, Place, Reader, places_of
-from detect.registered.lessons import KINDS, Lesson, lesson_path
 from detect.registered.measure import Measurement
 from geometry.errors import BadInputError
 from tests.detect.onnx_files import convolution

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
+from detect.learning.clips import lesson_path
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered.features import FEATURES, Feature
-from detect.registered.lessons import lesson_path
 from detect.registry import DYBS_WEIGHTS
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
 from locate.commands import train
 from locate.commands.train import config_path, render_missing_lessons
-from locate.simulation import make_lessons
+from locate.simulation import make_clips
 
 
 @pytest.mark.parametrize("name", ["registered", "lite-fast", "lite", "paper"])
@@ -90,8 +90,8 @@ def test_each_pool_is_rendered_its_own_way(tmp_path: Path, monkeypatch: pytest.M
     def noted(kind: str) -> Callable[..., None]:
         return lambda *given, **named: asked.append((kind, *given, named))
 
-    monkeypatch.setattr(make_lessons, "write_photo_lessons", noted("photos"))
-    monkeypatch.setattr(make_lessons, "write_set_lessons", noted("set"))
+    monkeypatch.setattr(make_clips, "write_photo_lessons", noted("photos"))
+    monkeypatch.setattr(make_clips, "write_set_lessons", noted("set"))
     folder, photos = tmp_path / "lessons", [tmp_path / "a.png"]
     rough = PoolConfig(folder=folder, photos=tmp_path, rough=True)
     train._render_lesson(rough, photos, 3)

@@ -3,11 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from detect.learning.clips import Lesson
 from detect.registered.features import FEATURES
-from detect.registered.lessons import Lesson
 from geometry.errors import BadInputError
-from locate.simulation import lessons
-from locate.simulation.lessons import lesson_scene, make_lesson
+from locate.simulation import clips
+from locate.simulation.clips import lesson_scene, make_lesson
 from locate.simulation.scene import Cylinder
 
 STILL_AIR_SEED = 100_001
@@ -21,7 +21,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         "SIDE_PX": (128, 96),
         "FOCAL_PX": (110.0, 110.0),
     }.items():
-        monkeypatch.setattr(lessons, name, value)
+        monkeypatch.setattr(clips, name, value)
 
 
 @pytest.mark.usefixtures("small")

@@ -1,7 +1,7 @@
 """Writes lessons of real material for the learned registered detector.
 
-    python -m locate.simulation.make_lessons photos --photos DIR --seeds 200000 200060 -o LESSONS
-    python -m locate.simulation.make_lessons sets   --set PHOTOS --seeds 210000 210008 -o LESSONS
+    python -m locate.simulation.make_clips photos --photos DIR --seeds 200000 200060 -o LESSONS
+    python -m locate.simulation.make_clips sets   --set PHOTOS --seeds 210000 210008 -o LESSONS
 
 `photos` films scenes made of single photos, `sets` takes a set of real photos with known poses, as
 they are or with plumes rendered onto them. Lessons that stand are kept; lessons.jsonl says what
@@ -15,13 +15,13 @@ from pathlib import Path
 
 import cv2
 
-from detect.registered.lessons import Leaks, Lesson, lesson_path
+from detect.learning.clips import Leaks, Lesson, lesson_path
 from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
-from locate.simulation.lessons import lesson_scene, make_photo_lesson
+from locate.simulation.clips import lesson_scene, make_photo_lesson
 from locate.simulation.nuisances import some_nuisances
+from locate.simulation.photo_set_clips import make_set_lesson
 from locate.simulation.photos import PhotoSet
-from locate.simulation.set_lessons import make_set_lesson
 
 LESSONS_A_FLOW = 4
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from detect.detection import Frames
+from detect.learning.clips import Leaks, Lesson
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.features import features
-from detect.registered.lessons import Leaks, Lesson
 from detect.synthesis.sample import log_uniform
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory

@@ -6,19 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
+from detect.learning.clips import Lesson, lesson_path, lesson_paths
 from detect.registered.features import FEATURES, SMALL_PX
-from detect.registered.lessons import Lesson, lesson_path, lesson_paths
 from geometry.errors import BadInputError
 from geometry.pose_files import write_colmap_model
 from geometry.trajectory import Trajectory
-from locate.simulation import lessons, make_lessons, set_lessons
-from locate.simulation.lessons import lesson_scene, make_photo_lesson
+from locate.simulation import clips, make_clips, photo_set_clips
+from locate.simulation.clips import lesson_scene, make_photo_lesson
 from locate.simulation.paths import fly
 from locate.simulation.photo_scenes import photo_take
+from locate.simulation.photo_set_clips import make_set_lesson
 from locate.simulation.photos import PhotoSet
 from locate.simulation.rough import roughened
 from locate.simulation.scene import CameraBlock, PathBlock, Plume, Scene, VideoBlock
-from locate.simulation.set_lessons import make_set_lesson
 
 COUNT, SIDE_PX, RANGE_M = 9, (128, 96), 10.0
 
@@ -40,8 +40,8 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"FRAMES": 11, "KEY_FRAMES": 2, "SIDE_PX": (128, 96)}.items():
-        monkeypatch.setattr(lessons, name, value)
-    monkeypatch.setattr(lessons, "FOCAL_PX", (110.0, 120.0))
+        monkeypatch.setattr(clips, name, value)
+    monkeypatch.setattr(clips, "FOCAL_PX", (110.0, 120.0))
 
 
 @pytest.mark.usefixtures("small")
@@ -125,17 +125,17 @@ def posed_set(folder: Path) -> Path:
 
 @pytest.fixture
 def photo_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotoSet:
-    monkeypatch.setattr(set_lessons, "SIDE_PX", SIDE_PX)
+    monkeypatch.setattr(photo_set_clips, "SIDE_PX", SIDE_PX)
     return PhotoSet.load(posed_set(tmp_path / "set"))
 
 
 def test_a_set_without_a_plume_is_a_negative(
     photo_set: PhotoSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(set_lessons, "PLUME_FREE", 1.0)
+    monkeypatch.setattr(photo_set_clips, "PLUME_FREE", 1.0)
     lesson = make_set_lesson(photo_set, 1)
     assert lesson.inputs.shape[1:] == (len(FEATURES), SIDE_PX[1], SIDE_PX[0])
-    assert len(lesson) >= 3 * set_lessons.WINDOWS
+    assert len(lesson) >= 3 * photo_set_clips.WINDOWS
     assert lesson.surface.all()
     assert not lesson.displacements.any()
     assert lesson.amplitude_px == 0
@@ -150,9 +150,9 @@ def test_a_plume_before_a_set_is_where_the_truth_says(
         source = (x, y, z - 1)
         return Plume(kind="gaussian", source=source, radius_m=0.4, height_m=2.0, amplitude_px=1.0)
 
-    monkeypatch.setattr(set_lessons, "PLUME_FREE", 0.0)
-    monkeypatch.setattr(set_lessons, "RANGE_M", (RANGE_M, RANGE_M + 1e-6))
-    monkeypatch.setattr(set_lessons, "_plume", column)
+    monkeypatch.setattr(photo_set_clips, "PLUME_FREE", 0.0)
+    monkeypatch.setattr(photo_set_clips, "RANGE_M", (RANGE_M, RANGE_M + 1e-6))
+    monkeypatch.setattr(photo_set_clips, "_plume", column)
     lesson = make_set_lesson(photo_set, 1)
     assert lesson.amplitude_px == pytest.approx(1.0)
     w = lesson.displacements.astype(float)
@@ -178,9 +178,9 @@ def test_a_set_without_points_is_refused(photo_set: PhotoSet) -> None:
 
 
 def test_the_world_of_a_set_gets_the_size_of_a_scene(photo_set: PhotoSet) -> None:
-    scaled = set_lessons._scaled(photo_set, np.random.default_rng(0))
+    scaled = photo_set_clips._scaled(photo_set, np.random.default_rng(0))
     depth = scaled.trajectory.world_to_cam(COUNT // 2, scaled.points_in_world)[:, 2]
-    low, high = set_lessons.RANGE_M
+    low, high = photo_set_clips.RANGE_M
     assert low <= np.median(depth) <= high
     one, other = (
         s.trajectory.project(0, s.points_in_world) for s in (photo_set, scaled)
@@ -201,9 +201,9 @@ def test_the_command_keeps_what_stands(
         surface = np.ones((1, 8, 8), bool)
         return Lesson(inputs=nothing, displacements=flat, surface=surface, amplitude_px=0.0)
 
-    monkeypatch.setattr(make_lessons, "make_photo_lesson", make)
+    monkeypatch.setattr(make_clips, "make_photo_lesson", make)
     for _ in range(2):
-        make_lessons.write_photo_lessons(photos, range(5, 8), tmp_path)
+        make_clips.write_photo_lessons(photos, range(5, 8), tmp_path)
     assert made == [5, 6, 7]
     assert lesson_paths(tmp_path) == [lesson_path(tmp_path, seed) for seed in (5, 6, 7)]
     lines = [json.loads(line) for line in (tmp_path / "lessons.jsonl").read_text().splitlines()]
@@ -213,12 +213,12 @@ def test_the_command_keeps_what_stands(
 
 def test_a_folder_without_poses_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="no poses"):
-        make_lessons.write_set_lessons(tmp_path, range(1), tmp_path / "lessons")
+        make_clips.write_set_lessons(tmp_path, range(1), tmp_path / "lessons")
 
 
 def test_disturbed_poses_are_off_by_what_was_asked() -> None:
     trajectory = fly(Scene(video=VideoBlock(frames=400)))
-    told = lessons.disturbed(trajectory, np.random.default_rng(0), 0.2)
+    told = clips.disturbed(trajectory, np.random.default_rng(0), 0.2)
     assert isinstance(told, Trajectory)
     turns = np.einsum("nij,nkj->nik", told.rotations, trajectory.rotations)
     angles = np.degrees(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1)))

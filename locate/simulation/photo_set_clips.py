@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from detect.detection import Frames
-from detect.registered.lessons import Lesson
+from detect.learning.clips import Lesson
 from detect.synthesis.sample import log_uniform
 from detect.warp import sample
 from geometry.arrays import FloatArray, GreyImage
@@ -13,8 +13,8 @@ from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.recording.images import bending
+from locate.simulation.clips import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, lesson_of
 from locate.simulation.filming import Footage
-from locate.simulation.lessons import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, lesson_of
 from locate.simulation.onto import OntoRenderer, displace, output_trajectory
 from locate.simulation.photos import PhotoSet
 from locate.simulation.plume import PlumeField
