@@ -5,7 +5,7 @@
     ... lessons NETWORK.onnx LESSONS... [--seeds FIRST END]...
     ... speed NETWORK.onnx [--run RUN]
 
-`render` makes test lessons of 320 x 240 px, a folder for each strength and noise: layouts of the
+`render` makes test clips of 320 x 240 px, a folder for each strength and noise: layouts of the
 same generator as the training's, of seeds that nothing was trained, chosen or calibrated on
 (300000 and on), poses off by up to 0.1 degrees. A pixel is positive where |w| exceeds 0.3 of the
 plume's amplitude, negative where it is below 0.01 px, neither in between; sky and everything that
@@ -28,8 +28,8 @@ import numpy as np
 
 from benchmarks.scenes.limit import recorded
 from detect.evidence import LLR_MAX, LLR_MIN, displacement_evidence
-from detect.learning.clips import KINDS, Lesson, lesson_path, lesson_paths, seed_of
-from detect.registered.calibrate import Read, chosen, read_lesson
+from detect.learning.clips import KINDS, TrainingClip, clip_path, clip_seed, list_clips
+from detect.registered.calibrate import Read, chosen, read_clip
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.detector import trust as trust_in
 from detect.registered.features import FEATURES, SMALL_PX, feature, features
@@ -53,16 +53,16 @@ def name_of(amplitude_px: float, noise: float) -> str:
 
 
 def render(options: argparse.Namespace) -> None:
-    from locate.simulation.clips import lesson_scene, measured
+    from locate.simulation.clips import draw_clip_scene, measured
     from locate.simulation.filming import Take, film
 
     for seed in range(FIRST_SEED, FIRST_SEED + options.scenes):
         for amplitude_px, noise in CONDITIONS:
-            path = lesson_path(options.folder / name_of(amplitude_px, noise), seed)
+            path = clip_path(options.folder / name_of(amplitude_px, noise), seed)
             if path.exists():
                 continue
             path.parent.mkdir(parents=True, exist_ok=True)
-            scene = lesson_scene(seed, plume=amplitude_px > 0)
+            scene = draw_clip_scene(seed, plume=amplitude_px > 0)
             plumes = [p.model_copy(update={"amplitude_px": amplitude_px}) for p in scene.plumes]
             image = scene.image.model_copy(update={"noise": noise})
             scene = scene.model_copy(update={"plumes": plumes, "image": image})
@@ -88,8 +88,8 @@ class Tally:
         self._reader, self._calibration = reader, reader.calibration()
         self._columns: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
-    def add(self, lesson: Lesson, seed: int) -> None:
-        for read in read_lesson(self._reader, lesson):
+    def add(self, clip: TrainingClip, seed: int) -> None:
+        for read in read_clip(self._reader, clip):
             here = read.counts[THIN]
             hand_llr, hand_displacement = by_hand(read)
             opinion = read.opinion
@@ -183,20 +183,20 @@ def table(options: argparse.Namespace) -> None:
     tallies = {}
     for amplitude_px, noise in CONDITIONS:
         tally = Tally(reader)
-        for path in lesson_paths(options.folder / name_of(amplitude_px, noise)):
-            tally.add(Lesson.load(path), seed_of(path))
+        for path in list_clips(options.folder / name_of(amplitude_px, noise)):
+            tally.add(TrainingClip.load(path), clip_seed(path))
         tallies[f"{amplitude_px:.1f} px, {noise:.0f}/255"] = tally
         for row in tally.rows():
             print(f"| {amplitude_px:.1f} px, {noise:.0f}/255 | {row} |", flush=True)
     print_reliability(tallies)
 
 
-def lessons(options: argparse.Namespace) -> None:
+def clips(options: argparse.Namespace) -> None:
     reader = Reader(options.network)
     tallies: defaultdict[str, Tally] = defaultdict(lambda: Tally(reader))
     for path in chosen(options.lessons, options.seeds):
-        lesson = Lesson.load(path)
-        tallies[KINDS[lesson.kind]].add(lesson, seed_of(path))
+        clip = TrainingClip.load(path)
+        tallies[KINDS[clip.kind]].add(clip, clip_seed(path))
     print("| strength | contender | AUROC | AP | EPE / of zero, px | llr > 1 in plumes "
           "| outside |\n|" + "---|" * 7)  # fmt: skip
     for kind in sorted(tallies, key=KINDS.index):
@@ -274,7 +274,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.add_argument("folder", type=Path)
     one.add_argument("--scenes", type=int, default=6)
     one.set_defaults(task=render)
-    for name, task in (("table", table), ("lessons", lessons), ("speed", speed)):
+    for name, task in (("table", table), ("lessons", clips), ("speed", speed)):
         one = tasks.add_parser(name)
         one.add_argument("network", type=Path)
         one.set_defaults(task=task)

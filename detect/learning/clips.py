@@ -11,18 +11,18 @@ from geometry.arrays import BoolArray
 from geometry.npz import open_arrays, save_arrays
 
 Leaks = Literal["nozzle", "anywhere"]
-"""Where the plumes of simulated lessons leave."""
+"""Where the plumes of simulated clips leave."""
 PLUME_SHARE = 0.3
 MOST_PX = 4.0
 """Displacements are told apart up to this; a camera inside a plume sees hundreds of px."""
 LEAST_PLUME_PX, STILL_PX = 0.02, 0.01
 KINDS = ("plume-free", "faint", "weak", "strong")
 STRENGTHS_PX = (0.0, 0.15, 0.5)
-"""Amplitudes up to which a lesson is of the first kinds."""
+"""Amplitudes up to which a training clip is of the first kinds."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lesson:
+class TrainingClip:
     """K key frames of one scene.
 
     Attributes:
@@ -75,7 +75,7 @@ class Lesson:
         Raises:
             BadInputError: The file is missing or broken.
         """
-        with open_arrays(path, "a lesson") as file:
+        with open_arrays(path, "a training clip") as file:
             inputs = file["inputs"]
             surface = np.unpackbits(file["surface"], axis=-1, count=inputs.shape[-1])
             return cls(
@@ -86,16 +86,16 @@ class Lesson:
             )
 
 
-def lesson_path(folder: Path, seed: int) -> Path:
-    """Where the lesson of a seed stands."""
+def clip_path(folder: Path, seed: int) -> Path:
+    """Where the clip of a seed stands."""
     return folder / f"lesson_{seed:06d}.npz"
 
 
-def lesson_paths(folder: Path) -> list[Path]:
-    """The lessons of a folder, in order."""
+def list_clips(folder: Path) -> list[Path]:
+    """The clips of a folder, in order."""
     return sorted(folder.glob("lesson_*.npz"))
 
 
-def seed_of(path: Path) -> int:
-    """The seed of a lesson, by its name."""
+def clip_seed(path: Path) -> int:
+    """The seed of a training clip, by its name."""
     return int(path.stem.removeprefix("lesson_"))

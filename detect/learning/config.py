@@ -41,13 +41,13 @@ class PoolConfig(_Settings):
     Attributes:
         folder: As `detect.synthesis.render_dataset` writes it.
         samples: The first so many; all that are there if left out.
-        seeds: Of lessons, ranges (first, after last), where the pool is made of these instead of
+        seeds: Of clips, ranges (first, after last), where the pool is made of these instead of
             rendered samples.
-        photos: That the scenes of the lessons are made of; plants where left out. Beside the
+        photos: That the scenes of the clips are made of; plants where left out. Beside the
             folders of samples.
         leaks: Where the plumes of those scenes leave.
         rough: Whether those photos are filmed as by people who never thought of refraction.
-        photo_set: Folder of posed photos that the lessons are made of instead.
+        photo_set: Folder of posed photos that the clips are made of instead.
         recipe: What they are rendered from where they are missing; from where the config stands.
         measured: A folder of rendered samples, where these are what waves and edges say of them.
     """
@@ -65,11 +65,11 @@ class PoolConfig(_Settings):
     @model_validator(mode="after")
     def _photos_where_rough(self) -> Self:
         if self.rough and self.photos is None:
-            raise ValueError("rough lessons are made of photos; name their folder")
+            raise ValueError("rough clips are made of photos; name their folder")
         return self
 
     def all_seeds(self) -> list[int]:
-        """Of the lessons, in order; empty where the pool is of samples."""
+        """Of the clips, in order; empty where the pool is of samples."""
         return [seed for span in self.seeds or () for seed in range(*span)]
 
 

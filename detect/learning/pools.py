@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from detect.learning.clips import KINDS, Lesson, lesson_path, lesson_paths
+from detect.learning.clips import KINDS, TrainingClip, clip_path, list_clips
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.synthesis.dataset import Half, shards_in
 from detect.synthesis.recipe import SAMPLE_FAMILIES
@@ -37,18 +37,18 @@ class Pool:
 
     @classmethod
     def load(cls, config: PoolConfig) -> Self:
-        """The samples of a rendered folder, or the frames of its lessons.
+        """The samples of a rendered folder, or the frames of its clips.
 
-        A sample of 128 px takes 82 kB, a lesson of 8 frames of 320 x 240 px 19 MB.
+        A sample of 128 px takes 82 kB, a training clip of 8 frames of 320 x 240 px 19 MB.
 
         Raises:
             BadInputError: The folder holds no samples, too few, or a broken file.
         """
         if config.seeds is not None:
-            paths = [lesson_path(config.folder, seed) for seed in config.all_seeds()]
-            return cls._of_lessons(paths)
-        if paths := lesson_paths(config.folder):
-            return cls._of_lessons(paths)
+            paths = [clip_path(config.folder, seed) for seed in config.all_seeds()]
+            return cls._of_clips(paths)
+        if paths := list_clips(config.folder):
+            return cls._of_clips(paths)
         shards = []
         for shard in shards_in(config.folder):
             shards.append(shard)
@@ -66,21 +66,21 @@ class Pool:
         )
 
     @classmethod
-    def _of_lessons(cls, paths: Sequence[Path]) -> Self:
-        lessons = [Lesson.load(path) for path in paths]
-        sizes = {lesson.inputs.shape[1:] for lesson in lessons}
+    def _of_clips(cls, paths: Sequence[Path]) -> Self:
+        clips = [TrainingClip.load(path) for path in paths]
+        sizes = {clip.inputs.shape[1:] for clip in clips}
         if len(sizes) > 1:
-            raise BadInputError(f"{paths[0].parent}: lessons of several sizes; make pools of them")
-        counts = [len(lesson) for lesson in lessons]
-        kinds = [lesson.kind for lesson in lessons]
-        limits_px = np.array([lesson.limits_px for lesson in lessons], np.float32)
+            raise BadInputError(f"{paths[0].parent}: clips of several sizes; make pools of them")
+        counts = [len(clip) for clip in clips]
+        kinds = [clip.kind for clip in clips]
+        limits_px = np.array([clip.limits_px for clip in clips], np.float32)
         inputs = np.empty((sum(counts), *sizes.pop()), np.float16)
         displacements = np.empty((len(inputs), *inputs.shape[2:], 2), np.float16)
         end = len(inputs)
-        while lessons:  # freed one by one, so that memory holds them once
-            lesson = lessons.pop()
-            rows = slice(end - len(lesson), end)
-            inputs[rows], displacements[rows] = lesson.inputs, lesson.visible_displacements()
+        while clips:  # freed one by one, so that memory holds them once
+            clip = clips.pop()
+            rows = slice(end - len(clip), end)
+            inputs[rows], displacements[rows] = clip.inputs, clip.visible_displacements()
             end = rows.start
         return cls(
             images=np.moveaxis(inputs, 1, -1),

@@ -2,7 +2,7 @@
 
     python -m detect.registered.calibrate NETWORK.onnx --lessons FOLDER [--seeds FIRST END]...
 
-FOLDER holds lessons of scenes that the network was not trained on. The file is written anew with
+FOLDER holds clips of scenes that the network was not trained on. The file is written anew with
 the calibration and the response in its metadata. Needs the `onnx` package (extra `train`).
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from detect.calibration import Calibration
 from detect.evidence import null_scale
-from detect.learning.clips import Lesson, lesson_paths, seed_of
+from detect.learning.clips import TrainingClip, clip_seed, list_clips
 from detect.registered.features import feature
 from detect.registered.learned import CLASS_NAMES, SCORES, Opinion, Reader
 from detect.response import Response
@@ -28,7 +28,7 @@ THINNED = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Read:
-    """A frame of a lesson as a network reads it.
+    """A frame of a training clip as a network reads it.
 
     Attributes:
         opinion: The network's.
@@ -47,10 +47,10 @@ class Read:
     ratio: FloatMap
 
 
-def read_lesson(reader: Reader, lesson: Lesson) -> Iterator[Read]:
+def read_clip(reader: Reader, clip: TrainingClip) -> Iterator[Read]:
     """Its frames."""
-    plume_px, still_px = lesson.limits_px
-    for inputs, truth in zip(lesson.inputs, lesson.visible_displacements(), strict=True):
+    plume_px, still_px = clip.limits_px
+    for inputs, truth in zip(clip.inputs, clip.visible_displacements(), strict=True):
         opinion = reader.read(inputs.astype(np.float32))
         size_px = np.linalg.norm(truth.astype(np.float32), axis=-1)
         yield Read(
@@ -71,8 +71,8 @@ def stated_sigma_px(inputs: FloatMap, measured: BoolArray) -> FloatMap:
     return np.asarray(sigma_px * scale, dtype=np.float32)
 
 
-def fitted(weights: Path, lessons: Iterable[Lesson]) -> tuple[Calibration, Response | None]:
-    """What lessons show, by every `THINNED`-th row and column of their frames.
+def fitted(weights: Path, clips: Iterable[TrainingClip]) -> tuple[Calibration, Response | None]:
+    """What clips show, by every `THINNED`-th row and column of their frames.
 
     Returns:
         The calibration; the response of the detector that it makes, None where all is silent.
@@ -80,8 +80,8 @@ def fitted(weights: Path, lessons: Iterable[Lesson]) -> tuple[Calibration, Respo
     reader = Reader(weights)
     thin = (slice(None, None, THINNED),) * 2
     parts = []
-    for lesson in lessons:
-        for read in read_lesson(reader, lesson):
+    for clip in clips:
+        for read in read_clip(reader, clip):
             opinion = read.opinion
             maps = opinion.scores, opinion.places, read.positive, read.counts, read.ratio
             parts.append([one[thin][opinion.measured[thin]] for one in maps])
@@ -97,19 +97,19 @@ def fitted(weights: Path, lessons: Iterable[Lesson]) -> tuple[Calibration, Respo
     return calibration, Response.measured(ratios[llr != 0], llr[llr != 0])
 
 
-def calibrate(weights: Path, lessons: Iterable[Lesson]) -> Calibration:
+def calibrate(weights: Path, clips: Iterable[TrainingClip]) -> Calibration:
     """Fits a network's calibration and response and writes them into its file.
 
     Args:
         weights: The .onnx file, which is replaced.
-        lessons: That neither the network was trained nor any figure is quoted on.
+        clips: That neither the network was trained nor any figure is quoted on.
 
     Raises:
         BadInputError: The file is not a network over registered neighbours.
     """
     from detect.learning.export import annotate
 
-    calibration, response = fitted(weights, lessons)
+    calibration, response = fitted(weights, clips)
     plain = {
         "calibration": calibration.to_plain(),
         "response": None if response is None else response.to_plain(),
@@ -119,17 +119,17 @@ def calibrate(weights: Path, lessons: Iterable[Lesson]) -> Calibration:
 
 
 def chosen(folders: Sequence[Path], spans: Sequence[tuple[int, int]]) -> list[Path]:
-    """The lessons of folders; where spans of seeds (first, after last) are given, only those.
+    """The clips of folders; where spans of seeds (first, after last) are given, only those.
 
     Raises:
         BadInputError: There are none.
     """
-    paths = [path for folder in folders for path in lesson_paths(folder)]
+    paths = [path for folder in folders for path in list_clips(folder)]
     if spans:
         seeds = {seed for span in spans for seed in range(*span)}
-        paths = [path for path in paths if seed_of(path) in seeds]
+        paths = [path for path in paths if clip_seed(path) in seeds]
     if not paths:
-        raise BadInputError(f"{', '.join(map(str, folders))}: no lessons; render some")
+        raise BadInputError(f"{', '.join(map(str, folders))}: no clips; render some")
     return paths
 
 
@@ -143,7 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         paths = chosen(options.lessons, options.seeds)
         paths = [*paths[::2], *paths[1::2]]  # each half is judged by the other: all kinds in both
-        calibration = calibrate(options.network, map(Lesson.load, paths))
+        calibration = calibrate(options.network, map(TrainingClip.load, paths))
     except LocateError as error:
         parser.exit(error.exit_code, f"{error}\n")
     for name in CLASS_NAMES:

@@ -24,7 +24,7 @@ TEXTURES = (1.5, 8.0, 40.0)
 EDGE_PX = 1.0
 LEAST_TEXTURE, LEAST_SEEN = 0.3, 1.0
 MOST_SIGMA_PX = 0.19
-"""Median sigma of a frame above which nothing is said: 99 in 100 frames of calm lessons lie below.
+"""Median sigma of a frame above which nothing is said: 99 in 100 frames of calm clips lie below.
 
 What is registered worse could not show a real leak, and is still taken too much for plumes.
 """

@@ -50,7 +50,7 @@ def train(
     with interruptible(), progress_bars(err) as report:
         render_missing(loaded, data or path.parent, report=report, processes=processes)
         measure_missing(loaded, report=report)
-        render_missing_lessons(loaded, report=report, processes=processes)
+        render_missing_clips(loaded, report=report, processes=processes)
         run(loaded, output, report=report)
     files = [*publish(loaded, output), plot_training(output, output / "training.png")]
     for file in files:
@@ -80,38 +80,38 @@ def measure_missing(config: "TrainConfig", *, report: Report) -> None:
                 report(f"measured: {name}", share)
 
 
-def render_missing_lessons(config: "TrainConfig", *, report: Report, processes: int = 1) -> None:
-    """Renders the lessons of a training that are not there yet; some 20 s of CPU each.
+def render_missing_clips(config: "TrainConfig", *, report: Report, processes: int = 1) -> None:
+    """Renders the clips of a training that are not there yet; some 20 s of CPU each.
 
     Raises:
-        BadInputError: There are no photos of the split where lessons are made of photos.
+        BadInputError: There are no photos of the split where clips are made of photos.
     """
-    from detect.learning.clips import lesson_path
+    from detect.learning.clips import clip_path
 
     for name, pool in config.pools.items():
-        seeds = [seed for seed in pool.all_seeds() if not lesson_path(pool.folder, seed).exists()]
+        seeds = [seed for seed in pool.all_seeds() if not clip_path(pool.folder, seed).exists()]
         if not seeds:
             continue
         pool.folder.mkdir(parents=True, exist_ok=True)
         split: Split = "validation" if name == config.validation else "train"
         photos = () if pool.photos is None else photos_in(pool.photos, split)
-        render = partial(_render_lesson, pool, photos)
+        render = partial(_render_clip, pool, photos)
         with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
             for done, _ in enumerate(workers.map(render, seeds), 1):
-                report(f"lessons: {name}", done / len(seeds))
+                report(f"clips: {name}", done / len(seeds))
 
 
-def _render_lesson(pool: "PoolConfig", photos: Sequence[Path], seed: int) -> None:
+def _render_clip(pool: "PoolConfig", photos: Sequence[Path], seed: int) -> None:
     import cv2
 
-    from detect.learning.clips import lesson_path
-    from locate.simulation.clips import make_lesson
-    from locate.simulation.make_clips import write_photo_lessons, write_set_lessons
+    from detect.learning.clips import clip_path
+    from locate.simulation.clips import make_clip
+    from locate.simulation.make_clips import write_photo_clips, write_photo_set_clips
 
     cv2.setNumThreads(1)
     if pool.photo_set is not None:
-        write_set_lessons(pool.photo_set, [seed], pool.folder)
+        write_photo_set_clips(pool.photo_set, [seed], pool.folder)
     elif photos:
-        write_photo_lessons(photos, [seed], pool.folder, leaks=pool.leaks, rough=pool.rough)
+        write_photo_clips(photos, [seed], pool.folder, leaks=pool.leaks, rough=pool.rough)
     else:
-        make_lesson(seed, pool.leaks).save(lesson_path(pool.folder, seed))
+        make_clip(seed, pool.leaks).save(clip_path(pool.folder, seed))

@@ -1,4 +1,4 @@
-"""Lessons for the learned registered detector, of simulated plants and of photos."""
+"""Training clips for the learned registered detector, of simulated plants and of photos."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from detect.detection import Frames
-from detect.learning.clips import Leaks, Lesson
+from detect.learning.clips import Leaks, TrainingClip
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.features import features
 from detect.synthesis.sample import log_uniform
@@ -35,7 +35,7 @@ SIDE_PX = (320, 240)
 FOCAL_PX = (250.0, 600.0)
 
 
-def lesson_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = None) -> Scene:
+def draw_clip_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = None) -> Scene:
     """A random plant in a short recording: arc, hand or lawn-mower; weak to strong, or no plume.
 
     Args:
@@ -45,7 +45,7 @@ def lesson_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = Non
     """
     if leaks == "anywhere":
         amplitude_px = log_uniform(np.random.default_rng([seed, 17]), AMPLITUDE_PX)
-        return strayed(lesson_scene(seed, plume=False), amplitude_px, plume=plume)
+        return strayed(draw_clip_scene(seed, plume=False), amplitude_px, plume=plume)
     rng = np.random.default_rng([seed, 12])
     drawn = bool(rng.random() > PLUME_FREE)
     scene = random_scene(
@@ -60,18 +60,18 @@ def lesson_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = Non
     return scene.model_copy(update={"camera": camera, "path": _path(rng, scene.path)})
 
 
-def make_lesson(seed: int, leaks: Leaks = "nozzle") -> Lesson:
+def make_clip(seed: int, leaks: Leaks = "nozzle") -> TrainingClip:
     """Renders the scene of that seed and measures its key frames, poses a little wrong.
 
     Args:
         seed: Of everything.
         leaks: Where plumes leave.
     """
-    scene = lesson_scene(seed, leaks=leaks)
+    scene = draw_clip_scene(seed, leaks=leaks)
     return measured(film(Take(scene=scene)), scene.random(13))
 
 
-def make_photo_lesson(
+def make_photo_clip(
     seed: int,
     photos: Sequence[Path],
     *,
@@ -79,8 +79,8 @@ def make_photo_lesson(
     plume: bool | None = None,
     nuisances: Sequence[str] = (),
     rough: bool = False,
-) -> Lesson:
-    """A lesson before photos.
+) -> TrainingClip:
+    """A training clip before photos.
 
     Args:
         seed: Of everything.
@@ -90,7 +90,7 @@ def make_photo_lesson(
         nuisances: Their names.
         rough: Whether it is filmed as `locate.simulation.rough` says, its poses worse.
     """
-    scene = lesson_scene(seed, leaks=leaks, plume=plume)
+    scene = draw_clip_scene(seed, leaks=leaks, plume=plume)
     take = photo_take(scene, photos)
     if rough:
         error_deg = log_uniform(scene.random(27), ROUGH_ERROR_DEG)
@@ -98,15 +98,17 @@ def make_photo_lesson(
     return measured(film(spoiled(take, nuisances, scene.random(24))), scene.random(13))
 
 
-def measured(footage: Footage, rng: np.random.Generator, error_deg: float | None = None) -> Lesson:
+def measured(
+    footage: Footage, rng: np.random.Generator, error_deg: float | None = None
+) -> TrainingClip:
     """Measures key frames of a footage, poses a little wrong; by how much, as `disturbed` says."""
     poses = disturbed(footage.trajectory, rng, error_deg)
     frames = Frames(images=footage.images, trajectory=poses)
     keys = np.linspace(ENDS, len(frames) - 1 - ENDS, KEY_FRAMES).round().astype(int)
-    return lesson_of(frames, footage, [int(key) for key in keys])
+    return clip_of_frames(frames, footage, [int(key) for key in keys])
 
 
-def lesson_of(frames: Frames, footage: Footage, keys: Sequence[int]) -> Lesson:
+def clip_of_frames(frames: Frames, footage: Footage, keys: Sequence[int]) -> TrainingClip:
     """What is measured of those frames that can be, beside the truth.
 
     Raises:
@@ -117,7 +119,7 @@ def lesson_of(frames: Frames, footage: Footage, keys: Sequence[int]) -> Lesson:
     known = [(truth, answer[0]) for truth, answer in told if answer is not None]
     if not known:
         raise BadInputError("none of the key frames can be measured: no neighbour sees the same")
-    return Lesson(
+    return TrainingClip(
         inputs=np.stack([features(m, displacement_sigma(m)) for _, m in known]).astype(np.float16),
         displacements=np.stack([t.displacement for t, _ in known]).astype(np.float16),
         surface=np.stack([np.isfinite(t.depth) for t, _ in known]),

@@ -1,10 +1,10 @@
-"""Writes lessons of real material for the learned registered detector.
+"""Writes clips of real material for the learned registered detector.
 
     python -m locate.simulation.make_clips photos --photos DIR --seeds 200000 200060 -o LESSONS
     python -m locate.simulation.make_clips sets   --set PHOTOS --seeds 210000 210008 -o LESSONS
 
 `photos` films scenes made of single photos, `sets` takes a set of real photos with known poses, as
-they are or with plumes rendered onto them. Lessons that stand are kept; lessons.jsonl says what
+they are or with plumes rendered onto them. Clips that are there are kept; lessons.jsonl says what
 each is.
 """
 
@@ -15,18 +15,18 @@ from pathlib import Path
 
 import cv2
 
-from detect.learning.clips import Leaks, Lesson, lesson_path
+from detect.learning.clips import Leaks, TrainingClip, clip_path
 from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
-from locate.simulation.clips import lesson_scene, make_photo_lesson
+from locate.simulation.clips import draw_clip_scene, make_photo_clip
 from locate.simulation.nuisances import some_nuisances
-from locate.simulation.photo_set_clips import make_set_lesson
+from locate.simulation.photo_set_clips import make_photo_set_clip
 from locate.simulation.photos import PhotoSet
 
-LESSONS_A_FLOW = 4
+CLIPS_PER_FLOW = 4
 
 
-def write_photo_lessons(
+def write_photo_clips(
     photos: Sequence[Path],
     seeds: Sequence[int],
     folder: Path,
@@ -36,49 +36,47 @@ def write_photo_lessons(
     nuisances: Sequence[str] | None = None,
     rough: bool = False,
 ) -> None:
-    """Writes the lessons of those seeds that are missing.
+    """Writes the clips of those seeds that are missing.
 
     Args:
         photos: To draw from; of one split.
-        seeds: One a lesson.
+        seeds: One per clip.
         folder: Made where it is missing.
         leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seeds.
-        nuisances: Their names; None draws a few for each lesson.
+        nuisances: Their names; None draws a few for each clip.
         rough: Whether they are filmed as `locate.simulation.rough` says, with its own nuisances.
     """
     for seed in seeds:
-        if lesson_path(folder, seed).exists():
+        if clip_path(folder, seed).exists():
             continue
-        drawn = () if rough else some_nuisances(lesson_scene(seed).random(25))
+        drawn = () if rough else some_nuisances(draw_clip_scene(seed).random(25))
         names = drawn if nuisances is None else nuisances
-        lesson = make_photo_lesson(
-            seed, photos, leaks=leaks, plume=plume, nuisances=names, rough=rough
-        )
+        clip = make_photo_clip(seed, photos, leaks=leaks, plume=plume, nuisances=names, rough=rough)
         about = {"leaks": leaks, "nuisances": list(names), "rough": rough}
-        keep(lesson, folder, seed, {"kind": "photos", **about})
+        keep(clip, folder, seed, {"kind": "photos", **about})
 
 
-def write_set_lessons(photo_set: Path, seeds: Sequence[int], folder: Path) -> None:
-    """Writes the lessons of those seeds that are missing, of one set of posed photos.
+def write_photo_set_clips(photo_set: Path, seeds: Sequence[int], folder: Path) -> None:
+    """Writes the clips of those seeds that are missing, of one set of posed photos.
 
     Args:
         photo_set: What `PhotoSet.load` reads.
-        seeds: One a lesson; `LESSONS_A_FLOW` after each other share a flow.
+        seeds: One per clip; `CLIPS_PER_FLOW` after each other share a flow.
         folder: Made where it is missing.
     """
     photos = PhotoSet.load(photo_set)
     for seed in seeds:
-        if not lesson_path(folder, seed).exists():
-            lesson = make_set_lesson(photos, seed, flow_seed=seed // LESSONS_A_FLOW)
-            keep(lesson, folder, seed, {"kind": "set", "set": photo_set.name})
+        if not clip_path(folder, seed).exists():
+            clip = make_photo_set_clip(photos, seed, flow_seed=seed // CLIPS_PER_FLOW)
+            keep(clip, folder, seed, {"kind": "set", "set": photo_set.name})
 
 
-def keep(lesson: Lesson, folder: Path, seed: int, about: dict[str, object]) -> None:
-    """Writes a lesson, and a line about it."""
+def keep(clip: TrainingClip, folder: Path, seed: int, about: dict[str, object]) -> None:
+    """Writes a training clip, and a line about it."""
     folder.mkdir(parents=True, exist_ok=True)
-    lesson.save(lesson_path(folder, seed))
-    line = {"seed": seed, "amplitude_px": lesson.amplitude_px, "frames": len(lesson), **about}
+    clip.save(clip_path(folder, seed))
+    line = {"seed": seed, "amplitude_px": clip.amplitude_px, "frames": len(clip), **about}
     with (folder / "lessons.jsonl").open("a") as journal:
         journal.write(json.dumps(line) + "\n")
 
@@ -110,9 +108,9 @@ def main() -> None:
 def _write(arguments: argparse.Namespace) -> None:
     seeds = range(*arguments.seeds)
     if arguments.kind == "sets":
-        write_set_lessons(arguments.set, seeds, arguments.output)
+        write_photo_set_clips(arguments.set, seeds, arguments.output)
         return
-    write_photo_lessons(
+    write_photo_clips(
         photos_in(arguments.photos, arguments.split),
         seeds,
         arguments.output,

@@ -1,11 +1,11 @@
-"""Lessons of real photos with known poses: as they are, or with plumes rendered onto them."""
+"""Training clips of real photos with known poses, as they are or with plumes rendered on."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from detect.detection import Frames
-from detect.learning.clips import Lesson
+from detect.learning.clips import TrainingClip
 from detect.synthesis.sample import log_uniform
 from detect.warp import sample
 from geometry.arrays import FloatArray, GreyImage
@@ -13,7 +13,7 @@ from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.recording.images import bending
-from locate.simulation.clips import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, lesson_of
+from locate.simulation.clips import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, clip_of_frames
 from locate.simulation.filming import Footage
 from locate.simulation.onto import OntoRenderer, displace, output_trajectory
 from locate.simulation.photos import PhotoSet
@@ -29,20 +29,20 @@ DEPTH_SHARE = (0.35, 0.7)
 PHOTOS_A_SECOND = 5.0
 LEAST_FACTOR = 2
 ONE_FINER = 0.3
-"""How often a photo is reduced by one less than it could be for a frame of a lesson's size."""
+"""How often a photo is reduced by one less than it could be for a frame of a clip's size."""
 AS_IT_IS = 0.6
 """How many of the sets without a plume are not reduced."""
 TRIES, WINDOWS = 6, 3
 CENTRAL = 0.25
 
 
-def make_set_lesson(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> Lesson:
-    """A lesson of a photo set: several windows of each of its key frames.
+def make_photo_set_clip(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> TrainingClip:
+    """A training clip of a photo set: several windows of each of its key frames.
 
     Args:
         photos: The set; poses of its own structure from motion are errors enough.
         seed: Of everything but the flow.
-        flow_seed: Of the flow, which costs most and may serve several lessons.
+        flow_seed: Of the flow, which costs most and may serve several clips.
 
     Raises:
         BadInputError: The set has no sparse points, which say where its surfaces are.
@@ -68,7 +68,7 @@ def make_set_lesson(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> Lesso
     footage = _filmed(scene, photos, trajectory, factor)
     frames = Frames(images=footage.images, trajectory=footage.trajectory)
     keys = rng.choice(len(frames), min(KEY_FRAMES, len(frames)), replace=False)
-    return _cropped(lesson_of(frames, footage, sorted(int(key) for key in keys)), rng)
+    return _cropped(clip_of_frames(frames, footage, sorted(int(key) for key in keys)), rng)
 
 
 def _filmed(scene: Scene, photos: PhotoSet, trajectory: Trajectory, factor: int) -> Footage:
@@ -135,10 +135,10 @@ def _place(
     return np.asarray(center + rng.uniform(*DEPTH_SHARE) * (point - center))
 
 
-def _cropped(lesson: Lesson, rng: np.random.Generator) -> Lesson:
-    """Windows of the size of other lessons, those of some random ones that have the most plume."""
+def _cropped(clip: TrainingClip, rng: np.random.Generator) -> TrainingClip:
+    """Windows of the size of other clips, those of some random ones that have the most plume."""
     width, height = SIDE_PX
-    size = np.abs(lesson.displacements).max(axis=-1).astype(np.float32)
+    size = np.abs(clip.displacements).max(axis=-1).astype(np.float32)
     spare_y, spare_x = size.shape[1] - height, size.shape[2] - width
     tries = np.stack(
         [rng.integers(spare_y + 1, size=TRIES), rng.integers(spare_x + 1, size=TRIES)], axis=1
@@ -146,11 +146,11 @@ def _cropped(lesson: Lesson, rng: np.random.Generator) -> Lesson:
     windows = [np.s_[y : y + height, x : x + width] for y, x in tries.tolist()]
     shares = [float(size[:, *window].sum()) for window in windows]
     chosen = [windows[i] for i in np.argsort(shares)[-WINDOWS:]]
-    return Lesson(
-        inputs=np.concatenate([lesson.inputs[:, :, *window] for window in chosen]),
-        displacements=np.concatenate([lesson.displacements[:, *window] for window in chosen]),
-        surface=np.concatenate([lesson.surface[:, *window] for window in chosen]),
-        amplitude_px=lesson.amplitude_px,
+    return TrainingClip(
+        inputs=np.concatenate([clip.inputs[:, :, *window] for window in chosen]),
+        displacements=np.concatenate([clip.displacements[:, *window] for window in chosen]),
+        surface=np.concatenate([clip.surface[:, *window] for window in chosen]),
+        amplitude_px=clip.amplitude_px,
     )
 
 

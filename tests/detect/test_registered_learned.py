@@ -1,4 +1,4 @@
-"""The network over registered neighbours: lessons, calibration, and what the detector says."""
+"""The network over registered neighbours: clips, calibration, and what the detector says."""
 
 import json
 from pathlib import Path
@@ -8,11 +8,11 @@ import pytest
 
 from detect.calibration import Calibration, Scale
 from detect.learning.augmentation import augment
-from detect.learning.clips import KINDS, Lesson, lesson_path
+from detect.learning.clips import KINDS, TrainingClip, clip_path
 from detect.learning.config import Augmentation, PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered import RegisteredDetector
-from detect.registered.calibrate import calibrate, main, read_lesson
+from detect.registered.calibrate import calibrate, main, read_clip
 from detect.registered.features import FEATURES, SMALL_PX, Plain, feature, features
 from detect.registered.learned import CLASS_NAMES, SCORES, Place, Reader, places_of
 from detect.registered.measure import Measurement
@@ -36,7 +36,7 @@ def network(path: Path, *, channels: int = CHANNELS, **metadata: object) -> Path
     return convolution(path, kernels, **{"calibration": RICH_ONLY, **metadata})
 
 
-def lesson(amplitude_px: float, *, seed: int = 0, shape: tuple[int, int] = SHAPE) -> Lesson:
+def clip(amplitude_px: float, *, seed: int = 0, shape: tuple[int, int] = SHAPE) -> TrainingClip:
     """Two frames whose plume on the left the first channel shows through noise; sky on top."""
     rng = np.random.default_rng(seed)
     displacements = np.zeros((2, *shape, 2), np.float16)
@@ -48,7 +48,7 @@ def lesson(amplitude_px: float, *, seed: int = 0, shape: tuple[int, int] = SHAPE
     inputs[:, FEATURES.index("log_texture")] = np.log1p(100) / 3
     inputs[:, FEATURES.index("log_depth_edge")] = 0
     inputs[:, FEATURES.index("visible")] = 1
-    return Lesson(
+    return TrainingClip(
         inputs=inputs.astype(np.float16),
         displacements=displacements,
         surface=surface,
@@ -56,10 +56,10 @@ def lesson(amplitude_px: float, *, seed: int = 0, shape: tuple[int, int] = SHAPE
     )
 
 
-def test_a_lesson_comes_back_from_its_file(tmp_path: Path) -> None:
-    one = lesson(0.3)
+def test_a_clip_comes_back_from_its_file(tmp_path: Path) -> None:
+    one = clip(0.3)
     one.save(tmp_path / "lesson.npz")
-    again = Lesson.load(tmp_path / "lesson.npz")
+    again = TrainingClip.load(tmp_path / "lesson.npz")
     for name in ("inputs", "displacements", "surface"):
         np.testing.assert_array_equal(getattr(again, name), getattr(one, name))
     assert again.amplitude_px == pytest.approx(0.3)
@@ -70,16 +70,16 @@ def test_a_lesson_comes_back_from_its_file(tmp_path: Path) -> None:
     [(0.0, "plume-free", 0.02), (0.05, "faint", 0.02), (0.3, "weak", 0.09), (1.0, "strong", 0.3)],
 )
 def test_what_counts_follows_the_strength(amplitude_px: float, kind: str, plume_px: float) -> None:
-    one = lesson(amplitude_px)
+    one = clip(amplitude_px)
     assert KINDS[one.kind] == kind
     assert one.limits_px == pytest.approx((plume_px, 0.01))
     assert not one.visible_displacements()[:, :4].any()
 
 
-def test_a_pool_of_lessons(tmp_path: Path) -> None:
+def test_a_pool_of_clips(tmp_path: Path) -> None:
     pools = pytest.importorskip("detect.learning.pools")
     for seed, amplitude_px in ((7, 0.3), (8, 0.0)):
-        lesson(amplitude_px, seed=seed).save(lesson_path(tmp_path, seed))
+        clip(amplitude_px, seed=seed).save(clip_path(tmp_path, seed))
     both = pools.Pool.load(PoolConfig(folder=tmp_path))
     assert both.images.shape == (4, *SHAPE, CHANNELS)
     assert [KINDS[k] for k in both.families] == ["weak"] * 2 + ["plume-free"] * 2
@@ -89,7 +89,7 @@ def test_a_pool_of_lessons(tmp_path: Path) -> None:
     np.testing.assert_allclose(both.limits_px([0, 3], config), [(0.09, 0.01), (0.02, 0.01)])
     with pytest.raises(BadInputError, match="lesson_000009"):
         pools.Pool.load(PoolConfig(folder=tmp_path, seeds=((8, 10),)))
-    lesson(0.3, shape=(32, 32)).save(lesson_path(tmp_path, 9))
+    clip(0.3, shape=(32, 32)).save(clip_path(tmp_path, 9))
     with pytest.raises(BadInputError, match="several sizes"):
         pools.Pool.load(PoolConfig(folder=tmp_path))
 
@@ -111,19 +111,19 @@ def config_of(folder: Path, pools: dict[str, object]) -> TrainConfig:
     return TrainConfig.load(path)
 
 
-def test_a_network_is_trained_on_lessons_and_exported(tmp_path: Path) -> None:
+def test_a_network_is_trained_on_clips_and_exported(tmp_path: Path) -> None:
     torch = pytest.importorskip("torch")
     from detect.learning.export import publish
     from detect.learning.trainer import train
 
     torch.set_num_threads(1)
     for seed in (7, 8):
-        lesson(0.3, seed=seed).save(lesson_path(tmp_path, seed))
+        clip(0.3, seed=seed).save(clip_path(tmp_path, seed))
     config = config_of(tmp_path, {"some": {"folder": ".", "seeds": [[7, 9]]}})
     train(config, tmp_path / "run", report=lambda stage, share: None)
     files = publish(config, tmp_path / "run")
     assert [file.name for file in files] == ["best.onnx", "last.onnx"]
-    opinion = Reader(files[-1]).read(lesson(0.3).inputs[0].astype(np.float32))
+    opinion = Reader(files[-1]).read(clip(0.3).inputs[0].astype(np.float32))
     assert opinion.displacement.shape == (*SHAPE, 2)
     assert np.isfinite(opinion.sigma_px).all()
 
@@ -215,7 +215,7 @@ def test_a_badly_registered_frame_says_nothing(
     asked = []
     call = Network.__call__
     monkeypatch.setattr(Network, "__call__", lambda *given: asked.append(1) or call(*given))
-    inputs = lesson(0.3).inputs[0].astype(np.float32)
+    inputs = clip(0.3).inputs[0].astype(np.float32)
     row = FEATURES.index("log_sigma")
     for sigma_px, speaks in ((0.05, True), (0.5, False)):
         inputs[row] = np.log(sigma_px / SMALL_PX)
@@ -251,7 +251,7 @@ def test_calibration_makes_the_score_mean_what_it_says(
     """Two normal scores a distance of 2 apart: the llr is 2 s - 2; the network says 4 s."""
     pytest.importorskip("onnx")
     for seed in range(12):
-        lesson(0.3, seed=seed, shape=(48, 64)).save(lesson_path(tmp_path, seed))
+        clip(0.3, seed=seed, shape=(48, 64)).save(clip_path(tmp_path, seed))
     path = network(tmp_path / "n.onnx", calibration=None)
     main([str(path), "--lessons", str(tmp_path), "--seeds", "0", "8"])
     assert "rich: Scale" in capsys.readouterr().out
@@ -263,8 +263,8 @@ def test_calibration_makes_the_score_mean_what_it_says(
     still, displaced = response(np.array([[0.0, 0.3]]), np.array([[0.1, 0.1]]))[0]
     assert still < -0.5 < 0.5 < displaced
     assert RegisteredDetector(weights=path).response == response
-    held_out = lesson(0.3, seed=11, shape=(48, 64))
-    for read in read_lesson(reader, held_out):
+    held_out = clip(0.3, seed=11, shape=(48, 64))
+    for read in read_clip(reader, held_out):
         s = read.inputs[0].astype(np.float32)
         expected = np.clip(2 * s - 2, -1.5, 4)
         np.testing.assert_allclose(read.opinion.llr(calibration), expected, atol=0.35)
@@ -272,16 +272,16 @@ def test_calibration_makes_the_score_mean_what_it_says(
         assert not read.positive[:4].any()
 
 
-def test_no_lessons_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_clips_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = network(tmp_path / "n.onnx")
     with pytest.raises(SystemExit):
         main([str(path), "--lessons", str(tmp_path)])
-    assert "no lessons" in capsys.readouterr().err
+    assert "no clips" in capsys.readouterr().err
 
 
 def test_a_class_without_evidence_stays_silent(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
-    still = [lesson(0.0, seed=seed) for seed in range(3)]
+    still = [clip(0.0, seed=seed) for seed in range(3)]
     calibration = calibrate(network(tmp_path / "n.onnx"), still)
     assert calibration == Calibration(scores=SCORES, scales={})
     assert len(CLASS_NAMES) == 5

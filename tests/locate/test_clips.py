@@ -3,11 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detect.learning.clips import Lesson
+from detect.learning.clips import TrainingClip
 from detect.registered.features import FEATURES
 from geometry.errors import BadInputError
 from locate.simulation import clips
-from locate.simulation.clips import lesson_scene, make_lesson
+from locate.simulation.clips import draw_clip_scene, make_clip
 from locate.simulation.scene import Cylinder
 
 STILL_AIR_SEED = 100_001
@@ -25,21 +25,21 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_a_lesson_of_still_air_is_the_same_every_time(tmp_path: Path) -> None:
-    lesson = make_lesson(STILL_AIR_SEED)
-    assert lesson.inputs.shape == (2, len(FEATURES), 96, 128)
-    assert np.isfinite(lesson.inputs).all()
-    assert not lesson.displacements.any()
-    assert lesson.amplitude_px == 0
-    lesson.save(tmp_path / "a.npz")
-    again, anew = Lesson.load(tmp_path / "a.npz"), make_lesson(STILL_AIR_SEED)
+def test_a_clip_of_still_air_is_the_same_every_time(tmp_path: Path) -> None:
+    clip = make_clip(STILL_AIR_SEED)
+    assert clip.inputs.shape == (2, len(FEATURES), 96, 128)
+    assert np.isfinite(clip.inputs).all()
+    assert not clip.displacements.any()
+    assert clip.amplitude_px == 0
+    clip.save(tmp_path / "a.npz")
+    again, anew = TrainingClip.load(tmp_path / "a.npz"), make_clip(STILL_AIR_SEED)
     for other in (again, anew):
-        np.testing.assert_array_equal(other.inputs, lesson.inputs)
-        np.testing.assert_array_equal(other.surface, lesson.surface)
+        np.testing.assert_array_equal(other.inputs, clip.inputs)
+        np.testing.assert_array_equal(other.surface, clip.surface)
 
 
-def test_lessons_are_of_many_kinds() -> None:
-    scenes = [lesson_scene(seed) for seed in range(60)]
+def test_clips_are_of_many_kinds() -> None:
+    scenes = [draw_clip_scene(seed) for seed in range(60)]
     assert {scene.path.kind for scene in scenes} == {"orbit", "handheld", "lawn_mower"}
     free = sum(not scene.plumes for scene in scenes)
     assert 10 < free < 35
@@ -49,7 +49,7 @@ def test_lessons_are_of_many_kinds() -> None:
 
 
 def test_plumes_leave_from_anywhere() -> None:
-    scenes = [lesson_scene(seed, leaks="anywhere") for seed in range(80)]
+    scenes = [draw_clip_scene(seed, leaks="anywhere") for seed in range(80)]
     assert 20 < sum(not scene.plumes for scene in scenes) < 45
     exits, apart_m = [], []
     for scene in scenes:
@@ -62,7 +62,7 @@ def test_plumes_leave_from_anywhere() -> None:
     assert max(apart_m) <= 2.0
 
 
-def test_a_broken_lesson_is_refused(tmp_path: Path) -> None:
+def test_a_broken_clip_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 and no more")
-    with pytest.raises(BadInputError, match="a lesson"):
-        Lesson.load(tmp_path / "a.npz")
+    with pytest.raises(BadInputError, match="a training clip"):
+        TrainingClip.load(tmp_path / "a.npz")

@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from detect.learning.clips import Lesson, lesson_path, lesson_paths
+from detect.learning.clips import TrainingClip, clip_path, list_clips
 from detect.registered.features import FEATURES, SMALL_PX
 from geometry.errors import BadInputError
 from geometry.pose_files import write_colmap_model
 from geometry.trajectory import Trajectory
 from locate.simulation import clips, make_clips, photo_set_clips
-from locate.simulation.clips import lesson_scene, make_photo_lesson
+from locate.simulation.clips import draw_clip_scene, make_photo_clip
 from locate.simulation.paths import fly
 from locate.simulation.photo_scenes import photo_take
-from locate.simulation.photo_set_clips import make_set_lesson
+from locate.simulation.photo_set_clips import make_photo_set_clip
 from locate.simulation.photos import PhotoSet
 from locate.simulation.rough import roughened
 from locate.simulation.scene import CameraBlock, PathBlock, Plume, Scene, VideoBlock
@@ -45,18 +45,18 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_a_lesson_before_photos_repeats(photos: tuple[Path, ...]) -> None:
-    one, again = (make_photo_lesson(3, photos, plume=False, nuisances=["wind"]) for _ in range(2))
+def test_a_clip_before_photos_repeats(photos: tuple[Path, ...]) -> None:
+    one, again = (make_photo_clip(3, photos, plume=False, nuisances=["wind"]) for _ in range(2))
     assert one.inputs.shape == (2, len(FEATURES), 96, 128)
     assert np.isfinite(one.inputs).all()
     assert not one.displacements.any()
     np.testing.assert_array_equal(one.inputs, again.inputs)
-    other = make_photo_lesson(4, photos, plume=False)
+    other = make_photo_clip(4, photos, plume=False)
     assert (other.inputs != one.inputs).any()
 
 
 def test_scenes_of_photos_keep_the_camera_and_share_flows(photos: tuple[Path, ...]) -> None:
-    scenes = [lesson_scene(seed, plume=True) for seed in (100, 101, 110)]
+    scenes = [draw_clip_scene(seed, plume=True) for seed in (100, 101, 110)]
     takes = [photo_take(scene, photos) for scene in scenes]
     assert takes[0].scene.path == scenes[0].path
     assert not takes[0].scene.objects
@@ -67,7 +67,7 @@ def test_scenes_of_photos_keep_the_camera_and_share_flows(photos: tuple[Path, ..
 
 
 def test_rough_takes_stride_wider_and_shake_more(photos: tuple[Path, ...]) -> None:
-    takes = [photo_take(lesson_scene(seed), photos) for seed in range(300, 330)]
+    takes = [photo_take(draw_clip_scene(seed), photos) for seed in range(300, 330)]
     rough = [roughened(take) for take in takes]
     assert [one.scene.path for one in rough] == [roughened(take).scene.path for take in takes]
     assert {one.scene.path.kind for one in rough} == {"approach", "handheld", "lawn_mower"}
@@ -86,13 +86,13 @@ def test_rough_takes_stride_wider_and_shake_more(photos: tuple[Path, ...]) -> No
 
 
 @pytest.mark.usefixtures("small")
-def test_a_rough_lesson_is_registered_worse(photos: tuple[Path, ...]) -> None:
-    def sigma_px(lesson: Lesson) -> float:
-        channel = lesson.inputs[:, FEATURES.index("log_sigma")].astype(float)
+def test_a_rough_clip_is_registered_worse(photos: tuple[Path, ...]) -> None:
+    def sigma_px(clip: TrainingClip) -> float:
+        channel = clip.inputs[:, FEATURES.index("log_sigma")].astype(float)
         return float(np.median(SMALL_PX * np.exp(channel)))
 
     pairs = [
-        (make_photo_lesson(seed, photos, plume=False, rough=rough) for rough in (False, True))
+        (make_photo_clip(seed, photos, plume=False, rough=rough) for rough in (False, True))
         for seed in (5, 6, 7)
     ]
     assert np.mean([sigma_px(rough) / sigma_px(calm) for calm, rough in pairs]) > 1.2
@@ -133,12 +133,12 @@ def test_a_set_without_a_plume_is_a_negative(
     photo_set: PhotoSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(photo_set_clips, "PLUME_FREE", 1.0)
-    lesson = make_set_lesson(photo_set, 1)
-    assert lesson.inputs.shape[1:] == (len(FEATURES), SIDE_PX[1], SIDE_PX[0])
-    assert len(lesson) >= 3 * photo_set_clips.WINDOWS
-    assert lesson.surface.all()
-    assert not lesson.displacements.any()
-    assert lesson.amplitude_px == 0
+    clip = make_photo_set_clip(photo_set, 1)
+    assert clip.inputs.shape[1:] == (len(FEATURES), SIDE_PX[1], SIDE_PX[0])
+    assert len(clip) >= 3 * photo_set_clips.WINDOWS
+    assert clip.surface.all()
+    assert not clip.displacements.any()
+    assert clip.amplitude_px == 0
 
 
 def test_a_plume_before_a_set_is_where_the_truth_says(
@@ -153,10 +153,10 @@ def test_a_plume_before_a_set_is_where_the_truth_says(
     monkeypatch.setattr(photo_set_clips, "PLUME_FREE", 0.0)
     monkeypatch.setattr(photo_set_clips, "RANGE_M", (RANGE_M, RANGE_M + 1e-6))
     monkeypatch.setattr(photo_set_clips, "_plume", column)
-    lesson = make_set_lesson(photo_set, 1)
-    assert lesson.amplitude_px == pytest.approx(1.0)
-    w = lesson.displacements.astype(float)
-    seen = 0.1 * np.sinh(lesson.inputs[:, :2].astype(float)).transpose(0, 2, 3, 1)
+    clip = make_photo_set_clip(photo_set, 1)
+    assert clip.amplitude_px == pytest.approx(1.0)
+    w = clip.displacements.astype(float)
+    seen = 0.1 * np.sinh(clip.inputs[:, :2].astype(float)).transpose(0, 2, 3, 1)
     there = np.linalg.norm(w, axis=-1) > 0.3
     assert there.any()
     assert np.corrcoef(seen[there].ravel(), w[there].ravel())[0, 1] > 0.5
@@ -174,7 +174,7 @@ def test_the_folder_of_a_run_is_a_photo_set(photo_set: PhotoSet, tmp_path: Path)
 
 def test_a_set_without_points_is_refused(photo_set: PhotoSet) -> None:
     with pytest.raises(BadInputError, match="without sparse points"):
-        make_set_lesson(replace(photo_set, points_in_world=np.empty((0, 3))), 1)
+        make_photo_set_clip(replace(photo_set, points_in_world=np.empty((0, 3))), 1)
 
 
 def test_the_world_of_a_set_gets_the_size_of_a_scene(photo_set: PhotoSet) -> None:
@@ -194,18 +194,18 @@ def test_the_command_keeps_what_stands(
 ) -> None:
     made: list[int] = []
 
-    def make(seed: int, _photos: object, **_options: object) -> Lesson:
+    def make(seed: int, _photos: object, **_options: object) -> TrainingClip:
         made.append(seed)
         nothing = np.zeros((1, len(FEATURES), 8, 8), np.float16)
         flat = np.zeros((1, 8, 8, 2), np.float16)
         surface = np.ones((1, 8, 8), bool)
-        return Lesson(inputs=nothing, displacements=flat, surface=surface, amplitude_px=0.0)
+        return TrainingClip(inputs=nothing, displacements=flat, surface=surface, amplitude_px=0.0)
 
-    monkeypatch.setattr(make_clips, "make_photo_lesson", make)
+    monkeypatch.setattr(make_clips, "make_photo_clip", make)
     for _ in range(2):
-        make_clips.write_photo_lessons(photos, range(5, 8), tmp_path)
+        make_clips.write_photo_clips(photos, range(5, 8), tmp_path)
     assert made == [5, 6, 7]
-    assert lesson_paths(tmp_path) == [lesson_path(tmp_path, seed) for seed in (5, 6, 7)]
+    assert list_clips(tmp_path) == [clip_path(tmp_path, seed) for seed in (5, 6, 7)]
     lines = [json.loads(line) for line in (tmp_path / "lessons.jsonl").read_text().splitlines()]
     assert [line["seed"] for line in lines] == [5, 6, 7]
     assert all(line["kind"] == "photos" for line in lines)
@@ -213,7 +213,7 @@ def test_the_command_keeps_what_stands(
 
 def test_a_folder_without_poses_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="no poses"):
-        make_clips.write_set_lessons(tmp_path, range(1), tmp_path / "lessons")
+        make_clips.write_photo_set_clips(tmp_path, range(1), tmp_path / "lessons")
 
 
 def test_disturbed_poses_are_off_by_what_was_asked() -> None:

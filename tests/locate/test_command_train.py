@@ -1,11 +1,11 @@
-"""`locate train`: shipped trainings by name, and lessons that are not there yet."""
+"""`locate train`: shipped trainings by name, and clips that are not there yet."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from detect.learning.clips import lesson_path
+from detect.learning.clips import clip_path
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered.features import FEATURES, Feature
@@ -13,7 +13,7 @@ from detect.registry import DYBS_WEIGHTS
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
 from locate.commands import train
-from locate.commands.train import config_path, render_missing_lessons
+from locate.commands.train import config_path, render_missing_clips
 from locate.simulation import make_clips
 
 
@@ -54,7 +54,7 @@ def test_the_registered_training_fits_its_features() -> None:
             assert held.isdisjoint(config.pools[name].all_seeds())
 
 
-def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_missing_clips_are_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "photos").mkdir()
     for number in range(30):
         (tmp_path / "photos" / f"{number}.png").touch()
@@ -65,7 +65,7 @@ def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.M
     )
     config = config.model_copy(update={"pools": {"plants": plants, "photos": photos}})
     plants.folder.mkdir()
-    lesson_path(plants.folder, 4).touch()
+    clip_path(plants.folder, 4).touch()
     made = []
 
     def render(pool: PoolConfig, photos: tuple[Path, ...], seed: int) -> None:
@@ -73,15 +73,15 @@ def test_only_missing_lessons_are_rendered(tmp_path: Path, monkeypatch: pytest.M
         made.append((pool.folder.name, splits, pool.leaks, seed))
 
     monkeypatch.setattr(train, "ProcessPoolExecutor", _Here)
-    monkeypatch.setattr(train, "_render_lesson", render)
+    monkeypatch.setattr(train, "_render_clip", render)
     told: list[tuple[str, float]] = []
-    render_missing_lessons(config, report=lambda what, share: told.append((what, share)))
+    render_missing_clips(config, report=lambda what, share: told.append((what, share)))
     assert made == [
         ("plants", set(), "nozzle", 3),
         ("plants", set(), "nozzle", 5),
         ("more", {"train"}, "anywhere", 8),
     ]
-    assert told == [("lessons: plants", 0.5), ("lessons: plants", 1), ("lessons: photos", 1)]
+    assert told == [("clips: plants", 0.5), ("clips: plants", 1), ("clips: photos", 1)]
 
 
 def test_each_pool_is_rendered_its_own_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,12 +90,12 @@ def test_each_pool_is_rendered_its_own_way(tmp_path: Path, monkeypatch: pytest.M
     def noted(kind: str) -> Callable[..., None]:
         return lambda *given, **named: asked.append((kind, *given, named))
 
-    monkeypatch.setattr(make_clips, "write_photo_lessons", noted("photos"))
-    monkeypatch.setattr(make_clips, "write_set_lessons", noted("set"))
+    monkeypatch.setattr(make_clips, "write_photo_clips", noted("photos"))
+    monkeypatch.setattr(make_clips, "write_photo_set_clips", noted("set"))
     folder, photos = tmp_path / "lessons", [tmp_path / "a.png"]
     rough = PoolConfig(folder=folder, photos=tmp_path, rough=True)
-    train._render_lesson(rough, photos, 3)
-    train._render_lesson(PoolConfig(folder=folder, photo_set=tmp_path / "set"), (), 4)
+    train._render_clip(rough, photos, 3)
+    train._render_clip(PoolConfig(folder=folder, photo_set=tmp_path / "set"), (), 4)
     assert asked == [
         ("photos", photos, [3], folder, {"leaks": "nozzle", "rough": True}),
         ("set", tmp_path / "set", [4], folder, {}),
