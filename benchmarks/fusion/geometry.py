@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from locate.fusion.fuse import fuse
-from locate.fusion.null import NullLevel
+from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views, correlation_area
 from locate.simulation.evidence import (
     RANGE_M,

@@ -34,12 +34,12 @@ from detect.synthesis.sample import log_uniform
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.fusion.column import evidence
-from locate.fusion.fit import fit_columns, gap
 from locate.fusion.fuse import fuse
-from locate.fusion.limit import detection_limit_px
-from locate.fusion.null import NullLevel
-from locate.fusion.proposals import STARTS, propose
+from locate.fusion.search.column import evidence
+from locate.fusion.search.fit import fit_columns, gap
+from locate.fusion.search.limit import detection_limit_px
+from locate.fusion.search.null import NullLevel
+from locate.fusion.search.proposals import STARTS, propose
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.decide import believed

@@ -19,7 +19,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
-from locate.fusion.null import NullLevel
+from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import NS, StampedPose

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from locate.fusion.fuse import fuse
-from locate.fusion.null import NullLevel
+from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError

@@ -8,12 +8,12 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid
-from locate.fusion.column import X, Y, evidence, stands_out, without
-from locate.fusion.fit import FINE, climb, fit_columns
-from locate.fusion.null import NullLevel
-from locate.fusion.pairs import split
-from locate.fusion.proposals import STARTS, propose
-from locate.fusion.source import find_axis, measured
+from locate.fusion.axis.pairs import split
+from locate.fusion.search.column import X, Y, evidence, stands_out, without
+from locate.fusion.search.fit import FINE, climb, fit_columns
+from locate.fusion.search.null import NullLevel
+from locate.fusion.search.proposals import STARTS, propose
+from locate.fusion.source.measure import find_axis, measured
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 

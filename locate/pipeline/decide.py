@@ -16,9 +16,9 @@ from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__, fusion
-from locate.fusion.bearings import find_bearings
 from locate.fusion.fuse import fuse
-from locate.fusion.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
+from locate.fusion.search.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
+from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
 from locate.map.plume import Plume, PlumeMap
@@ -39,7 +39,7 @@ RIGHTLY_TOLD = (-2.002, 0.446)  # logit of how often, and its slope per nat a vi
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 METHOD = (  # a change here is a new decision
     Path(__file__),
-    Path(fusion.__file__).parent,
+    *(path.parent for path in sorted(Path(fusion.__file__).parent.rglob("__init__.py"))),
     Path(fluctuation.__file__),
 )
 

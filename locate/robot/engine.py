@@ -9,7 +9,7 @@ from detect.detection import Detection, Detector
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.grid import lever_gate
-from locate.fusion.column import HEIGHT, spine
+from locate.fusion.search.column import HEIGHT, spine
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import as_trajectory

@@ -2,7 +2,7 @@
 
 Searching a window takes seconds. Between two searches the axis of a plume that the last one found
 is sighted in every new view, and the linear graph of the last views is solved again, with the sway
-that the search found; see `locate.fusion.graph`. Cost and memory depend on the window alone.
+that the search found; see `locate.fusion.axis.graph`. Cost and memory depend on the window alone.
 """
 
 from collections import deque
@@ -12,10 +12,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.fusion.axis import AxisSightings, sight_axis
-from locate.fusion.column import Z
-from locate.fusion.graph import AxisEstimate, estimate_axis
-from locate.fusion.sway import Sway
+from locate.fusion.axis.graph import AxisEstimate, estimate_axis
+from locate.fusion.axis.sightings import AxisSightings, sight_axis
+from locate.fusion.axis.sway import Sway
+from locate.fusion.search.column import Z
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import StampedPose, as_trajectory

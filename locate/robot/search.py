@@ -10,7 +10,7 @@ import numpy as np
 from detect.registry import clutter_nats
 from geometry.threads import with_one_blas_thread
 from locate.fusion.fuse import fuse
-from locate.fusion.null import NULL_DRAWS, NullLevel, draw_strongest
+from locate.fusion.search.null import NULL_DRAWS, NullLevel, draw_strongest
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import StampedPose

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from geometry.arrays import FloatArray
-from locate.fusion.fit import distinct
+from locate.fusion.search.fit import distinct
 from locate.map.plume import Plume
 
 CONFIRMED_PROBABILITY = 0.99
@@ -202,7 +202,7 @@ def _surer(a: Plume, b: Plume) -> Plume:
 
 
 def as_column(plume: Plume) -> FloatArray:
-    """(8,) the column of `locate.fusion.column` that a plume's axis, extent and radii describe."""
+    """(8,) the column (`locate.fusion.search.column`) of a plume's axis, extent and radii."""
     low, high = plume.extent_low, plume.extent_high
     lowest = plume.source + low * plume.axis
     rise = plume.axis / max(float(plume.axis[2]), 1e-3)

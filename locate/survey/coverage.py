@@ -17,10 +17,10 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference
 from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
-from locate.fusion.column import HEIGHT, RADIUS, X, Y, Z, agreed, score
 from locate.fusion.fuse import FALSE_ALARM
-from locate.fusion.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
-from locate.fusion.null import NullLevel
+from locate.fusion.search.column import HEIGHT, RADIUS, X, Y, Z, agreed, score
+from locate.fusion.search.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
+from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.observe import load_detections, load_response

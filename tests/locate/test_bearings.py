@@ -4,8 +4,8 @@ import numpy as np
 from detect.detection import Detection
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
-from locate.fusion.bearings import FromRest, find_bearings
-from locate.fusion.lasting import EVERYWHERE, TOO_SLOW
+from locate.fusion.still_camera.bearings import FromRest, find_bearings
+from locate.fusion.still_camera.temporal_coherence import EVERYWHERE, TOO_SLOW
 from tests.detect.fluctuating import frames
 
 CAMERA = Camera.pinhole(160, 120, 150.0)

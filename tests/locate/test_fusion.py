@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 
 from detect.detection import Detection
-from locate.fusion.axis import AxisSightings, sight_axis
-from locate.fusion.base import locate_base
-from locate.fusion.column import evidence, score, spine, stands_out, without
+from locate.fusion.axis.graph import agreeing, averaged, estimate_axis
+from locate.fusion.axis.pairs import split
+from locate.fusion.axis.sightings import AxisSightings, sight_axis
+from locate.fusion.axis.sway import estimate_sway
 from locate.fusion.fuse import fuse
-from locate.fusion.graph import agreeing, averaged, estimate_axis
-from locate.fusion.null import NullLevel
-from locate.fusion.pairs import split
-from locate.fusion.proposals import best_interval
-from locate.fusion.source import refine_axis
-from locate.fusion.sway import estimate_sway
+from locate.fusion.search.column import evidence, score, spine, stands_out, without
+from locate.fusion.search.null import NullLevel
+from locate.fusion.search.proposals import best_interval
+from locate.fusion.source.base import locate_base
+from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.decide import believed, hidden_note, silence_notes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from detect.response import Response
-from locate.fusion.limit import AMPLITUDES_PX, detection_limit_px, expected_llr
+from locate.fusion.search.limit import AMPLITUDES_PX, detection_limit_px, expected_llr
 from locate.simulation.evidence import NONE, corrupted_views, orbit
 
 

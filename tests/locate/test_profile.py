@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from locate.fusion.axis import bends_away, sight_axis
+from locate.fusion.axis.sightings import bends_away, sight_axis
 from locate.fusion.views import Views
 from locate.simulation.evidence import NONE, corrupted_views, orbit, random_truth
 

@@ -22,7 +22,7 @@ from benchmarks.reliability.recordings import (
 from benchmarks.reliability.report import found_over_limit, log_loss, report
 from detect.calibration import logistic
 from geometry.arrays import FloatArray
-from locate.fusion.null import NullLevel
+from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.simulation.evidence import Truth, corrupted_views, orbit, random_truth
 from locate.simulation.scene import Plume

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from locate.fusion.fuse import fuse
-from locate.fusion.null import NullLevel
+from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import NS, StampedPose

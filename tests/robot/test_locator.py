@@ -10,7 +10,7 @@ from detect.detection import Detection, Frames
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.fusion.fuse import fuse
-from locate.fusion.null import NullLevel
+from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.messages.poses import NS, UNKNOWN, StampedPose
 from locate.robot import Locator, Settings, State, Update

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
-from locate.fusion.column import (
+from locate.fusion.search.column import (
     HEIGHT,
     NEAREST_DEPTH_UNITS,
     OPENING,
@@ -30,7 +30,7 @@ from locate.fusion.column import (
     spine,
     without,
 )
-from locate.fusion.fit import Worth, climb, distinct, gap
+from locate.fusion.search.fit import Worth, climb, distinct, gap
 from locate.fusion.views import Views
 
 HALF_GAPS_UNITS = (0.3, 0.45, 0.6)

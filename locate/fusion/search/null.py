@@ -16,9 +16,9 @@ from scipy.stats import gumbel_r
 
 from geometry.arrays import FloatArray
 from geometry.grid import Box
-from locate.fusion.column import evidence
-from locate.fusion.fit import fit_columns
-from locate.fusion.proposals import STARTS, propose
+from locate.fusion.search.column import evidence
+from locate.fusion.search.fit import fit_columns
+from locate.fusion.search.proposals import STARTS, propose
 from locate.fusion.views import Views
 
 NULL_DRAWS = 12

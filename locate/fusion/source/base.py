@@ -13,7 +13,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import lever
-from locate.fusion.column import HEIGHT, Z, score, slabs, spine
+from locate.fusion.search.column import HEIGHT, Z, score, slabs, spine
 from locate.fusion.views import Views
 
 STEP_UNITS = 0.02

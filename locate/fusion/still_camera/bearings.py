@@ -13,9 +13,9 @@ import numpy as np
 from detect.detection import Detection
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
-from locate.fusion.lasting import find_lasting
-from locate.fusion.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
-from locate.fusion.regions import FALSE_ALARM, Region, connected
+from locate.fusion.search.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
+from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected
+from locate.fusion.still_camera.temporal_coherence import find_lasting
 from locate.fusion.views import FUSION_WIDTH_PX, correlation_area
 from locate.map.plume import Bearing
 

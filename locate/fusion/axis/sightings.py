@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
-from locate.fusion.column import HEIGHT, covered, score
-from locate.fusion.profile import Profile, look_across
+from locate.fusion.axis.profile import Profile, look_across
+from locate.fusion.search.column import HEIGHT, covered, score
 from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
@@ -44,7 +44,7 @@ class AxisSightings:
 
 
 def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings:
-    """Finds the axis across each section of the column in each view; see `locate.fusion.profile`.
+    """Finds the axis across each section of the column in each view; see `Profile`.
 
     Where the pixels there do not speak for a plume, nothing was sighted: silence before a
     contradicting background is no plume.

@@ -16,9 +16,9 @@ from gtsam.symbol_shorthand import A, S, X
 
 from geometry.arrays import BoolArray, FloatArray
 from geometry.trajectory import Trajectory
-from locate.fusion import column as columns
-from locate.fusion.axis import AxisSightings
-from locate.fusion.sway import Explanation, Sway, design_matrix, estimate_sway
+from locate.fusion.axis.sightings import AxisSightings
+from locate.fusion.axis.sway import Explanation, Sway, design_matrix, estimate_sway
+from locate.fusion.search import column as columns
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
 FALLBACK_RANGE_SHARE = 0.002

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from detect.fluctuation import Fluctuation
 from geometry.arrays import BoolArray, FloatMap, GreyImage
-from locate.fusion.null import NullLevel
-from locate.fusion.regions import FALSE_ALARM, Region, connected
+from locate.fusion.search.null import NullLevel
+from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected
 from locate.fusion.views import correlation_area
 
 LASTING_SIGMAS, EVIDENT_SIGMAS = 2.0, 3.5

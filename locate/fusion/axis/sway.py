@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from geometry.arrays import FloatArray
-from locate.fusion.axis import AxisSightings
+from locate.fusion.axis.sightings import AxisSightings
 
 RATES = np.geomspace(0.005, 0.5, 7).tolist()
 GROWTHS = (0.5, 1.0, 2.0)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.fusion.column import HEIGHT, OPENING, RADIUS, SLOPE_X, SLOPE_Y, X, Y, Z
-from locate.fusion.proposals import SEPARATION_UNITS
+from locate.fusion.search.column import HEIGHT, OPENING, RADIUS, SLOPE_X, SLOPE_Y, X, Y, Z
+from locate.fusion.search.proposals import SEPARATION_UNITS
 
 WHOLE = range(18)
 COARSE, FINE = WHOLE[:8], WHOLE[8:]

@@ -15,7 +15,7 @@ import numpy as np
 from geometry.arrays import FloatArray, FloatMap
 from geometry.grid import lever_gate
 from geometry.trajectory import Trajectory
-from locate.fusion.column import (
+from locate.fusion.search.column import (
     FOOTPRINT_SHARE,
     NEAREST_DEPTH_UNITS,
     OPENING,

@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
-from locate.fusion.axis import VIEW_SAW_NATS, bends_away, sight_axis
-from locate.fusion.base import locate_base
-from locate.fusion.column import (
+from locate.fusion.axis.graph import AxisEstimate, agreeing, averaged, estimate_axis
+from locate.fusion.axis.sightings import VIEW_SAW_NATS, bends_away, sight_axis
+from locate.fusion.axis.sway import Explanation
+from locate.fusion.search.column import (
     HEIGHT,
     OPENING,
     RADIUS,
@@ -20,9 +21,8 @@ from locate.fusion.column import (
     score,
     spine,
 )
-from locate.fusion.fit import WHOLE, climb, steps
-from locate.fusion.graph import AxisEstimate, agreeing, averaged, estimate_axis
-from locate.fusion.sway import Explanation
+from locate.fusion.search.fit import WHOLE, climb, steps
+from locate.fusion.source.base import locate_base
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.map.schema import RefractiveIndex

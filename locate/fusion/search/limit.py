@@ -7,7 +7,7 @@ import numpy as np
 from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
 from detect.response import Response
 from geometry.arrays import FloatArray, FloatMap
-from locate.fusion.column import agreed, score
+from locate.fusion.search.column import agreed, score
 from locate.fusion.views import Views
 
 AMPLITUDES_PX = np.geomspace(0.03, 3.0, 14)

@@ -1,0 +1,1 @@
+"""Where columns of evidence stand in the scene, and how strong chance makes them."""

@@ -1,0 +1,1 @@
+"""One plume measured: where along its axis it begins, and its shape."""

@@ -1,0 +1,1 @@
+"""A camera that stood still: directions to plumes, no positions."""
