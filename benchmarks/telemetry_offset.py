@@ -20,7 +20,7 @@ from geometry.errors import BadInputError
 from locate.telemetry.assemble import track_from_columns
 from locate.telemetry.offset import TimeOffset, estimate_offset, estimate_offset_from_turns
 from locate.telemetry.profiles import path_speeds, path_turns_dps
-from locate.telemetry.track import METRES_PER_DEGREE, Track
+from locate.telemetry.track import METRES_PER_DEGREE, TelemetryTrack
 
 LENGTH_S, CAMERA_S, MEAN_SPEED_MPS = 180.0, 90.0, 5.0
 FIRST_SEED = 20_000  # none that a limit was chosen on
@@ -42,7 +42,7 @@ def flight(rng: np.random.Generator, *, even: bool = False) -> tuple[FloatArray,
 
 def recorded(
     rng: np.random.Generator, times_s: FloatArray, positions_m: FloatArray, sigma_m: float
-) -> Track:
+) -> TelemetryTrack:
     """5 Hz telemetry: white error of a third of sigma, the rest wandering over 30 s; outliers."""
     stamps_s = np.arange(0, LENGTH_S, 0.2)
     placed = np.column_stack([np.interp(stamps_s, times_s, p) for p in positions_m.T])

@@ -28,7 +28,7 @@ from locate.map.plume import PlumeMap
 from locate.recording import KeyFrames
 from locate.telemetry import (
     AltitudeDatum,
-    Track,
+    TelemetryTrack,
     estimate_offset,
     path_speeds,
     read_telemetry,
@@ -193,7 +193,7 @@ def _ground(
 
 
 def _by_track(
-    trajectory: Trajectory, frames: KeyFrames, track: Track, ground: list[Constraint]
+    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack, ground: list[Constraint]
 ) -> Placement:
     records, notes = _at_frames(trajectory, frames, track)
     altitude_m, datum = records.altitude_m, DATUMS[records.altitude_datum]
@@ -223,8 +223,8 @@ def _by_track(
 
 
 def _at_frames(
-    trajectory: Trajectory, frames: KeyFrames, track: Track
-) -> tuple[Track, tuple[str, ...]]:
+    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack
+) -> tuple[TelemetryTrack, tuple[str, ...]]:
     """A record for each camera, by photo name or by time."""
     if track.times_s is None:
         sources = {frame.index: frame.source for frame in frames.frames}
@@ -245,7 +245,7 @@ def _at_frames(
     return track.without_repeats().at(moments_s), (*track.warnings, note)
 
 
-def _blanked(records: Track, known: BoolArray) -> Track:
+def _blanked(records: TelemetryTrack, known: BoolArray) -> TelemetryTrack:
     """The records, nothing in those that are not known."""
     columns: dict[str, Any] = {
         name: np.where(known, getattr(records, name), np.nan) for name in COLUMNS
@@ -253,7 +253,7 @@ def _blanked(records: Track, known: BoolArray) -> Track:
     return replace(records, **columns)
 
 
-def _sigmas_m(records: Track, step_m: float) -> FloatArray:
+def _sigmas_m(records: TelemetryTrack, step_m: float) -> FloatArray:
     """(N, 3) of the fixes: as stated, as usual for a small receiver, at least their rounding."""
     rounding_m = step_m / np.sqrt(12)
     horizontal = np.nan_to_num(records.horizontal_sigma_m, nan=HORIZONTAL_SIGMA_M)
@@ -262,7 +262,7 @@ def _sigmas_m(records: Track, step_m: float) -> FloatArray:
     return np.stack([horizontal, horizontal, vertical], axis=1)
 
 
-def _up_by_gimbal(trajectory: Trajectory, records: Track) -> Up | None:
+def _up_by_gimbal(trajectory: Trajectory, records: TelemetryTrack) -> Up | None:
     """Up by the camera's own attitude, where most frames have it."""
     pitch_deg, roll_deg = records.gimbal_pitch_deg, records.gimbal_roll_deg
     known = np.isfinite(pitch_deg) & np.isfinite(roll_deg)

@@ -8,7 +8,7 @@ import numpy as np
 from geometry.errors import BadInputError
 from locate.survey.model import Moment
 from locate.telemetry import read_telemetry
-from locate.telemetry.track import Clock, Track
+from locate.telemetry.track import Clock, TelemetryTrack
 
 DEGREES_PER_HOUR = 15.0
 HOURS_PER_BIN = 3
@@ -30,7 +30,7 @@ def moment_of(telemetry: tuple[Path, ...]) -> Moment | None:
     return None
 
 
-def moment_of_track(track: Track) -> Moment | None:
+def moment_of_track(track: TelemetryTrack) -> Moment | None:
     """The middle of a track.
 
     Where the clock is UTC, the hour is mean solar time: UTC plus an hour for every 15 degrees of

@@ -9,9 +9,14 @@ from typing import Any
 
 from geometry.errors import BadInputError
 from locate.telemetry.assemble import ColumnStore, Record
-from locate.telemetry.bounded import check_size, quietly, refusing
-from locate.telemetry.streams import YAW_FROM_NORTH, Stream, track_from_streams, yaw_pitch_roll_deg
-from locate.telemetry.track import AltitudeDatum, Track
+from locate.telemetry.bounded import check_size, report_as_bad_input, suppress_output
+from locate.telemetry.streams import (
+    YAW_FROM_NORTH,
+    LogStream,
+    track_from_streams,
+    yaw_pitch_roll_deg,
+)
+from locate.telemetry.track import AltitudeDatum, TelemetryTrack
 
 BIN_KIND, TLOG_KIND = "ArduPilot log", "MAVLink tlog"
 BIN_MAGIC = b"\xa3\x95"
@@ -28,7 +33,7 @@ def looks_like_tlog(head: bytes) -> bool:
     )
 
 
-def read_bin(path: Path) -> Track:
+def read_bin(path: Path) -> TelemetryTrack:
     """Reads a DataFlash log at the rate of its filter (POS), or else of its receiver (GPS).
 
     Heights are above mean sea level.
@@ -37,52 +42,55 @@ def read_bin(path: Path) -> Track:
         BadInputError: Not a readable log, no positions in it, or the extra is missing.
     """
     check_size(path)
-    with refusing(path, BIN_KIND, extra="mavlink"), quietly():
+    with report_as_bad_input(path, BIN_KIND, extra="mavlink"), suppress_output():
         with closing(_open_bin(path)) as log:
-            found = _streams(log, _BIN_RECORDS)
-        position = found.pop("POS", None) or found.pop("GPS", None) or Stream.of([])
+            found = _read_streams(log, _BIN_RECORDS)
+        position = found.pop("POS", None) or found.pop("GPS", None) or LogStream.from_records([])
         return track_from_streams(
             path, BIN_KIND, position, *found.values(), datum=AltitudeDatum.MEAN_SEA_LEVEL
         )
 
 
-def read_tlog(path: Path) -> Track:
+def read_tlog(path: Path) -> TelemetryTrack:
     """Reads the telemetry stream that a ground station kept; heights are above mean sea level.
 
     Raises:
         BadInputError: Not a readable log, no positions in it, or the extra is missing.
     """
     check_size(path, MAX_TLOG_BYTES)
-    with refusing(path, TLOG_KIND, extra="mavlink"), quietly():
+    with report_as_bad_input(path, TLOG_KIND, extra="mavlink"), suppress_output():
         from pymavlink import mavutil
 
         with closing(mavutil.mavlogfile(str(path))) as log:
-            found = _streams(log, _TLOG_RECORDS)
-        position = found.pop("GLOBAL_POSITION_INT", None) or Stream.of([])
+            found = _read_streams(log, _TLOG_RECORDS)
+        position = found.pop("GLOBAL_POSITION_INT", None) or LogStream.from_records([])
         return track_from_streams(
             path, TLOG_KIND, position, *found.values(), datum=AltitudeDatum.MEAN_SEA_LEVEL
         )
 
 
-def _streams(log: Any, records: Mapping[str, Callable[[Any], Record]]) -> dict[str, Stream]:
+def _read_streams(log: Any, records: Mapping[str, Callable[[Any], Record]]) -> dict[str, LogStream]:
     """Messages by type: those of the first vehicle, and of the first of several sensors."""
     stores: dict[str, ColumnStore] = defaultdict(ColumnStore)
     senders: dict[str, object] = {}
     for message in iter(lambda: log.recv_match(type=list(records)), None):
         kind = message.get_type().split("[")[0]
-        sender = _sender(message)
+        sender = _message_sender(message)
         if kind in records and sender == senders.setdefault(kind, sender):
             stores[kind].add(records[kind](message))
     columns = {kind: store.arrays() for kind, store in stores.items()}
-    return {kind: Stream.of(found.pop("times_s"), **found) for kind, found in columns.items()}
+    return {
+        kind: LogStream.from_records(found.pop("times_s"), **found)
+        for kind, found in columns.items()
+    }
 
 
-def _sender(message: Any) -> object:
+def _message_sender(message: Any) -> object:
     of_vehicle = getattr(message, "get_srcSystem", None)
     return of_vehicle() if of_vehicle else getattr(message, "I", 0)
 
 
-def _pos(m: Any) -> Record:
+def _position_record(m: Any) -> Record:
     height_m = getattr(m, "RelHomeAlt", nan)
     return {
         "times_s": m.TimeUS * 1e-6,
@@ -93,14 +101,14 @@ def _pos(m: Any) -> Record:
     }
 
 
-def _gps(m: Any) -> Record:
+def _receiver_record(m: Any) -> Record:
     if m.Status < 2:
         return {"times_s": nan}
     utc_s = m._timestamp if m._timestamp > _FIRST_UTC_S else nan
-    return _pos(m) | {"clock_s": utc_s}
+    return _position_record(m) | {"clock_s": utc_s}
 
 
-def _gpa(m: Any) -> Record:
+def _accuracy_record(m: Any) -> Record:
     return {
         "times_s": m.TimeUS * 1e-6,
         "horizontal_sigma_m": m.HAcc,
@@ -108,7 +116,7 @@ def _gpa(m: Any) -> Record:
     }
 
 
-def _att(m: Any) -> Record:
+def _attitude_record(m: Any) -> Record:
     return {
         "times_s": m.TimeUS * 1e-6,
         "vehicle_yaw_deg": m.Yaw,
@@ -117,7 +125,7 @@ def _att(m: Any) -> Record:
     }
 
 
-def _mnt(m: Any) -> Record:
+def _mount_record(m: Any) -> Record:
     return {
         "times_s": m.TimeUS * 1e-6,
         "gimbal_yaw_deg": getattr(m, "YawE", nan),
@@ -126,7 +134,7 @@ def _mnt(m: Any) -> Record:
     }
 
 
-def _global_position(m: Any) -> Record:
+def _global_position_record(m: Any) -> Record:
     return {
         "times_s": m._timestamp,
         "clock_s": m._timestamp,
@@ -137,7 +145,7 @@ def _global_position(m: Any) -> Record:
     }
 
 
-def _gps_raw(m: Any) -> Record:
+def _raw_gps_record(m: Any) -> Record:
     return {
         "times_s": m._timestamp,
         "horizontal_sigma_m": getattr(m, "h_acc", 0) * 1e-3,
@@ -145,7 +153,7 @@ def _gps_raw(m: Any) -> Record:
     }
 
 
-def _attitude(m: Any) -> Record:
+def _mavlink_attitude_record(m: Any) -> Record:
     return {
         "times_s": m._timestamp,
         "vehicle_yaw_deg": degrees(m.yaw),
@@ -154,7 +162,7 @@ def _attitude(m: Any) -> Record:
     }
 
 
-def _gimbal(m: Any) -> Record:
+def _gimbal_record(m: Any) -> Record:
     (yaw,), (pitch,), (roll,) = yaw_pitch_roll_deg([m.q])
     return {
         "times_s": m._timestamp,
@@ -164,12 +172,18 @@ def _gimbal(m: Any) -> Record:
     }
 
 
-_BIN_RECORDS = {"POS": _pos, "GPS": _gps, "GPA": _gpa, "ATT": _att, "MNT": _mnt}
+_BIN_RECORDS = {
+    "POS": _position_record,
+    "GPS": _receiver_record,
+    "GPA": _accuracy_record,
+    "ATT": _attitude_record,
+    "MNT": _mount_record,
+}
 _TLOG_RECORDS = {
-    "GLOBAL_POSITION_INT": _global_position,
-    "GPS_RAW_INT": _gps_raw,
-    "ATTITUDE": _attitude,
-    "GIMBAL_DEVICE_ATTITUDE_STATUS": _gimbal,
+    "GLOBAL_POSITION_INT": _global_position_record,
+    "GPS_RAW_INT": _raw_gps_record,
+    "ATTITUDE": _mavlink_attitude_record,
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": _gimbal_record,
 }
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
-from locate.telemetry.resample import wrapped
-from locate.telemetry.track import COLUMNS, PERIOD_DEG, AltitudeDatum, Clock, Track
+from locate.telemetry.resample import wrap_angles
+from locate.telemetry.track import COLUMNS, PERIOD_DEG, AltitudeDatum, Clock, TelemetryTrack
 
 Record: TypeAlias = dict[str, float]
 """Values by the name of the track's column, or ``times_s``."""
@@ -69,7 +69,7 @@ def track_from_columns(
     datum: AltitudeDatum = AltitudeDatum.UNKNOWN,
     clock: Clock = Clock.NONE,
     names: Sequence[str] | None = None,
-) -> Track:
+) -> TelemetryTrack:
     """Checks columns and makes a track of them.
 
     Values that cannot be (latitude 999, the null island of a receiver without fix) become NaN;
@@ -89,7 +89,7 @@ def track_from_columns(
             which frame a record belongs to.
     """
     n = max((len(values) for values in columns.values()), default=0)
-    clean = {key: _clean(key, columns.get(key), n) for key in (*COLUMNS, "times_s")}
+    clean = {key: _clean_column(key, columns.get(key), n) for key in (*COLUMNS, "times_s")}
     nowhere = ~np.isfinite(clean["latitude_deg"] + clean["longitude_deg"])
     nowhere |= (clean["latitude_deg"] == 0) & (clean["longitude_deg"] == 0)
     clean["latitude_deg"][nowhere] = clean["longitude_deg"][nowhere] = np.nan
@@ -97,7 +97,7 @@ def track_from_columns(
         clean["altitude_m"] = clean["height_m"].copy()
         known = np.isfinite(clean["height_m"]).any()
         datum = AltitudeDatum.TAKEOFF if known else AltitudeDatum.UNKNOWN
-    kept = _says_something(clean)
+    kept = _holds_a_value(clean)
     if not kept.any():
         raise BadInputError(
             f"{path}: none of {n} records of this {kind} file says where the camera was "
@@ -106,7 +106,7 @@ def track_from_columns(
     times_s: FloatArray | None = None
     warnings: list[str] = []
     if names is None:
-        times_s, kept, warnings = _in_order(path, kind, clean, kept)
+        times_s, kept, warnings = _sort_by_time(path, kind, clean, kept)
     rows = np.flatnonzero(kept)
     if times_s is not None:
         rows = rows[np.argsort(times_s[rows], kind="stable")]
@@ -116,7 +116,7 @@ def track_from_columns(
         warnings.append(f"{path.name}: {lost} of {len(rows)} records have no position")
     if not np.isfinite(clean["clock_s"][rows]).any():
         clock = Clock.NONE
-    return Track(
+    return TelemetryTrack(
         path=path,
         kind=kind,
         **{key: clean[key][rows] for key in COLUMNS},
@@ -128,21 +128,21 @@ def track_from_columns(
     )
 
 
-def _clean(key: str, values: FloatArray | None, n: int) -> FloatArray:
+def _clean_column(key: str, values: FloatArray | None, n: int) -> FloatArray:
     if values is None:
         return np.full(n, np.nan)
     low, high = LIMITS.get(key, ANGLE_LIMITS)
     clean = np.array(values, dtype=float)
     clean[~((clean >= low) & (clean <= high))] = np.nan
-    return wrapped(clean) if key in PERIOD_DEG else clean
+    return wrap_angles(clean) if key in PERIOD_DEG else clean
 
 
-def _says_something(clean: Mapping[str, FloatArray]) -> BoolArray:
+def _holds_a_value(clean: Mapping[str, FloatArray]) -> BoolArray:
     useful = ("latitude_deg", "altitude_m", "height_m", "gimbal_pitch_deg", "vehicle_pitch_deg")
     return np.asarray(np.isfinite([clean[key] for key in useful]).any(axis=0))
 
 
-def _in_order(
+def _sort_by_time(
     path: Path, kind: str, clean: Mapping[str, FloatArray], kept: BoolArray
 ) -> tuple[FloatArray, BoolArray, list[str]]:
     times_s = clean["times_s"]

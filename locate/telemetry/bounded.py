@@ -48,7 +48,7 @@ def check_size(path: Path, limit: int = MAX_LOG_BYTES) -> None:
 
 
 @contextmanager
-def refusing(path: Path, kind: str, *, extra: str = "") -> Iterator[None]:
+def report_as_bad_input(path: Path, kind: str, *, extra: str = "") -> Iterator[None]:
     """Turns whatever a foreign parser raises on a broken file into one line.
 
     Args:
@@ -73,7 +73,7 @@ def refusing(path: Path, kind: str, *, extra: str = "") -> Iterator[None]:
 
 
 @contextmanager
-def quietly() -> Iterator[None]:
+def suppress_output() -> Iterator[None]:
     """Swallows what parsers print about every bad byte."""
     with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
         yield

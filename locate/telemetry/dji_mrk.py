@@ -6,7 +6,7 @@ from pathlib import Path
 
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.clock import gps_to_posix_s
-from locate.telemetry.track import AltitudeDatum, Clock, Track
+from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "DJI MRK"
 _NUMBER = r"(-?\d{1,9}(?:\.\d{1,12})?)"
@@ -23,7 +23,7 @@ def looks_like_mrk(head: str) -> bool:
     return ",Lat" in head and ",Ellh" in head
 
 
-def parse_mrk(text: str, path: Path) -> Track:
+def parse_mrk(text: str, path: Path) -> TelemetryTrack:
     """Reads the text of a .mrk file; photos are named by their number.
 
     The positions are those of the sensor: DJI has already added the offset of the antenna (the
@@ -33,7 +33,7 @@ def parse_mrk(text: str, path: Path) -> Track:
         BadInputError: No line can be read.
     """
     lines = _LINE.findall(text)
-    records = (_record(*(float(number) for number in line[1:])) for line in lines)
+    records = (_line_record(*(float(number) for number in line[1:])) for line in lines)
     return track_from_columns(
         path,
         KIND,
@@ -44,7 +44,7 @@ def parse_mrk(text: str, path: Path) -> Track:
     )
 
 
-def _record(
+def _line_record(
     week_seconds: float,
     week: float,
     latitude_deg: float,

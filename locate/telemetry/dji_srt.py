@@ -12,7 +12,7 @@ from pathlib import Path
 
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.clock import DATE_TIME, parse_date_time
-from locate.telemetry.track import Clock, Track
+from locate.telemetry.track import Clock, TelemetryTrack
 
 KIND = "DJI SRT"
 _NUMBER = r"[-+]?\d{1,12}(?:\.\d{1,12})?"
@@ -43,7 +43,7 @@ def looks_like_srt(head: str) -> bool:
     return bool(_CUE.search(head)) or ("latitude" in head and bool(DATE_TIME.search(head)))
 
 
-def parse_srt(text: str, path: Path) -> Track:
+def parse_srt(text: str, path: Path) -> TelemetryTrack:
     """Reads the text of a .SRT file.
 
     Times are the starts of the subtitles, that is on the clock of the video; without them, the
@@ -55,27 +55,27 @@ def parse_srt(text: str, path: Path) -> Track:
     parts = _CUE.split(text)
     if len(parts) > 1:
         starts = (parts[i : i + 5] for i in range(1, len(parts), 5))
-        cues = ((_seconds(*stamp), body) for *stamp, body in starts)
+        cues = ((_cue_seconds(*stamp), body) for *stamp, body in starts)
     else:
         cues = ((nan, block) for block in re.split(r"\n\s{0,8}\n", text))
     return track_of_cues(cues, path, KIND)
 
 
-def track_of_cues(cues: Iterable[tuple[float, str]], path: Path, kind: str) -> Track:
+def track_of_cues(cues: Iterable[tuple[float, str]], path: Path, kind: str) -> TelemetryTrack:
     """A track of the times and texts of subtitles.
 
     Raises:
         BadInputError: No subtitle holds a position.
     """
-    records = ({"times_s": time_s, **_record(body.lower())} for time_s, body in cues)
+    records = ({"times_s": time_s, **_cue_record(body.lower())} for time_s, body in cues)
     return track_from_columns(path, kind, columns_of(records), clock=Clock.LOCAL)
 
 
-def _seconds(hours: str, minutes: str, seconds: str, fraction: str) -> float:
+def _cue_seconds(hours: str, minutes: str, seconds: str, fraction: str) -> float:
     return int(hours) * 3600 + int(minutes) * 60 + float(f"{seconds}.{fraction}")
 
 
-def _record(body: str) -> Record:
+def _cue_record(body: str) -> Record:
     """The values of one subtitle, in lower case."""
     record: Record = {"clock_s": parse_date_time(body)[0]}
     for key, value in _PAIR.findall(body):
@@ -87,18 +87,18 @@ def _record(body: str) -> Record:
     for key, inside in _TUPLE.findall(body):
         values = [(float(number), bool(unit)) for number, unit in _IN_TUPLE.findall(inside)]
         if len(values) == 3:
-            record |= _fix(values) if key == "gps" else _angles(key, values)
+            record |= _position_values(values) if key == "gps" else _angle_values(key, values)
     return record
 
 
-def _fix(values: list[tuple[float, bool]]) -> Record:
+def _position_values(values: list[tuple[float, bool]]) -> Record:
     (first, _), (second, _), (third, in_metres) = values
     if in_metres:
         return {"latitude_deg": first, "longitude_deg": second, "altitude_m": third}
     return {"longitude_deg": first, "latitude_deg": second}
 
 
-def _angles(key: str, values: list[tuple[float, bool]]) -> Record:
+def _angle_values(key: str, values: list[tuple[float, bool]]) -> Record:
     what = "gimbal" if key == "g.pry" else "vehicle"
     named = zip(_PITCH_ROLL_YAW, values, strict=True)
     return {f"{what}_{name}_deg": value for name, (value, _) in named}

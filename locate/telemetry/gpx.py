@@ -6,8 +6,8 @@ from typing import Any
 
 from geometry.errors import BadInputError
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
-from locate.telemetry.bounded import refusing
-from locate.telemetry.track import AltitudeDatum, Clock, Track
+from locate.telemetry.bounded import report_as_bad_input
+from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "GPX"
 MAX_POINTS, MAX_TAGS = 300_000, 2_000_000
@@ -18,7 +18,7 @@ def looks_like_gpx(head: str) -> bool:
     return "<gpx" in head
 
 
-def parse_gpx(text: str, path: Path) -> Track:
+def parse_gpx(text: str, path: Path) -> TelemetryTrack:
     """Reads all track points of a GPX file; heights are above mean sea level (GPX 1.1 schema).
 
     Raises:
@@ -28,16 +28,16 @@ def parse_gpx(text: str, path: Path) -> Track:
         raise BadInputError(f"{path}: GPX of over {MAX_POINTS} points is not read; cut it")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise BadInputError(f"{path}: GPX with a document type or entities is not read")
-    with refusing(path, KIND, extra="gpx"):
+    with report_as_bad_input(path, KIND, extra="gpx"):
         import gpxpy
 
-        columns = columns_of(_record(point) for point, *_ in gpxpy.parse(text).walk())
+        columns = columns_of(_point_record(point) for point, *_ in gpxpy.parse(text).walk())
     return track_from_columns(
         path, KIND, columns, datum=AltitudeDatum.MEAN_SEA_LEVEL, clock=Clock.UTC
     )
 
 
-def _record(point: Any) -> Record:
+def _point_record(point: Any) -> Record:
     return {
         "latitude_deg": point.latitude,
         "longitude_deg": point.longitude,

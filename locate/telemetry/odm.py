@@ -12,7 +12,7 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from locate.telemetry.assemble import track_from_columns
 from locate.telemetry.bounded import read_text
-from locate.telemetry.track import Track
+from locate.telemetry.track import TelemetryTrack
 
 KIND = "ODM geo.txt"
 _PROJECTION = re.compile(r"\s*(EPSG:\d{4,6}|\+proj=[^\n]{1,300}|WGS84 UTM \d{1,2}[NS])\s*\n", re.I)
@@ -56,7 +56,7 @@ def looks_like_odm(head: str) -> bool:
     return bool(_PROJECTION.match(head))
 
 
-def parse_geo(text: str, path: Path) -> Track:
+def parse_geo(text: str, path: Path) -> TelemetryTrack:
     """Reads a geo.txt: name, x, y, z, yaw, pitch, roll, horizontal and vertical accuracy.
 
     Missing columns at the end of a line are allowed; three angles of 0 mean that none are known.
@@ -64,15 +64,15 @@ def parse_geo(text: str, path: Path) -> Track:
     Raises:
         BadInputError: It is a gcp_list.txt, or nothing in it can be read.
     """
-    transformer, rows = _projected(text, path)
-    if rows and _number(rows[0][0]) == _number(rows[0][0]):
+    transformer, rows = _read_rows(text, path)
+    if rows and _parse_number(rows[0][0]) == _parse_number(rows[0][0]):
         raise BadInputError(
             f"{path}: a list of ground control points, which says where points are and not where "
             "the camera was"
         )
     values = np.full((len(rows), len(_COLUMNS)), np.nan)
     for row, words in zip(values, rows, strict=True):
-        numbers = [_number(word) for word in words[1 : 1 + len(_COLUMNS)]]
+        numbers = [_parse_number(word) for word in words[1 : 1 + len(_COLUMNS)]]
         row[: len(numbers)] = numbers
     values[:, :2] = np.column_stack(transformer.transform(values[:, 0], values[:, 1]))
     values[(values[:, 3:6] == 0).all(axis=1), 3:6] = np.nan
@@ -86,8 +86,10 @@ def read_ground_control(path: Path) -> GroundControl:
     Raises:
         BadInputError: Nothing in it can be read.
     """
-    transformer, rows = _projected(read_text(path), path)
-    values = np.array([[_number(word) for word in words[:5]] for words in rows if len(words) > 5])
+    transformer, rows = _read_rows(read_text(path), path)
+    values = np.array(
+        [[_parse_number(word) for word in words[:5]] for words in rows if len(words) > 5]
+    )
     named = [words for words in rows if len(words) > 5]
     if not len(values) or not np.isfinite(values).all():
         raise BadInputError(f"{path}: not a readable gcp_list.txt (x y z pixel_x pixel_y photo)")
@@ -103,12 +105,12 @@ def read_ground_control(path: Path) -> GroundControl:
     )
 
 
-def _projected(text: str, path: Path) -> tuple[Transformer, list[list[str]]]:
+def _read_rows(text: str, path: Path) -> tuple[Transformer, list[list[str]]]:
     first = _PROJECTION.match(text)
     if first is None:
         raise BadInputError(f"{path}: its first line names no projection (such as EPSG:4326)")
     try:
-        transformer = Transformer.from_crs(_crs(first.group(1)), "EPSG:4326", always_xy=True)
+        transformer = Transformer.from_crs(_crs_name(first.group(1)), "EPSG:4326", always_xy=True)
     except ProjError as error:
         raise BadInputError(f"{path}: {first.group(1)!r} is no known projection") from error
     lines = text[first.end() :].splitlines()
@@ -116,14 +118,14 @@ def _projected(text: str, path: Path) -> tuple[Transformer, list[list[str]]]:
     return transformer, [words for words in rows if len(words) > 2]
 
 
-def _crs(text: str) -> str:
+def _crs_name(text: str) -> str:
     utm = re.fullmatch(r"WGS84 UTM (\d{1,2})([NS])", text, re.I)
     if utm is None:
         return text
     return f"EPSG:{326 if utm.group(2).upper() == 'N' else 327}{int(utm.group(1)):02d}"
 
 
-def _number(word: str) -> float:
+def _parse_number(word: str) -> float:
     try:
         return float(word)
     except ValueError:

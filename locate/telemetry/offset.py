@@ -19,14 +19,14 @@ from locate.telemetry.profiles import (
     MIN_LENGTH_S,
     STEP_S,
     WINDOW_S,
-    clipped,
-    grid,
-    smooth,
+    clip_spikes,
+    smooth_profile,
     speed_profile,
+    time_grid,
     turn_profile,
 )
 from locate.telemetry.resample import interpolate
-from locate.telemetry.track import Track
+from locate.telemetry.track import TelemetryTrack
 
 MIN_COVERED = 0.5
 MAX_CHANCE = 0.01
@@ -57,7 +57,7 @@ class TimeOffset:
 
 
 def estimate_offset(
-    track: Track,
+    track: TelemetryTrack,
     stamps_s: ArrayLike,
     speeds: ArrayLike,
     *,
@@ -75,11 +75,11 @@ def estimate_offset(
         BadInputError: The profiles do not tell: too short, too even, or as good elsewhere.
     """
     start_s, profile = speed_profile(track)
-    return _match(track, start_s, profile, stamps_s, speeds, search_s)
+    return _match_profiles(track, start_s, profile, stamps_s, speeds, search_s)
 
 
 def estimate_offset_from_turns(
-    track: Track,
+    track: TelemetryTrack,
     stamps_s: ArrayLike,
     turns_dps: ArrayLike,
     *,
@@ -97,11 +97,11 @@ def estimate_offset_from_turns(
         BadInputError: The profiles do not tell, or the track has no angles.
     """
     start_s, profile = turn_profile(track)
-    return _match(track, start_s, profile, stamps_s, turns_dps, search_s)
+    return _match_profiles(track, start_s, profile, stamps_s, turns_dps, search_s)
 
 
-def _match(
-    track: Track,
+def _match_profiles(
+    track: TelemetryTrack,
     start_s: float,
     profile: FloatArray,
     stamps_s: ArrayLike,
@@ -109,11 +109,11 @@ def _match(
     search_s: tuple[float, float] | None,
 ) -> TimeOffset:
     stamps, camera = np.asarray(stamps_s, dtype=float), np.asarray(values, dtype=float)
-    grid_s = grid(stamps[0], stamps[-1], "the camera path")
+    grid_s = time_grid(stamps[0], stamps[-1], "the camera path")
     if np.isfinite(profile).sum() * STEP_S < MIN_LENGTH_S:
         raise BadInputError(f"{track.path}: too full of gaps to find a time offset")
-    camera = clipped(smooth(interpolate(grid_s, stamps, camera, np.inf)))
-    correlation, overlap = _correlations(camera, profile)
+    camera = clip_spikes(smooth_profile(interpolate(grid_s, stamps, camera, np.inf)))
+    correlation, overlap = _sliding_correlation(camera, profile)
     shifts = np.arange(len(correlation)) - (len(camera) - 1)
     offsets_s = shifts * STEP_S + start_s - grid_s[0]
     allowed = overlap * STEP_S >= max(MIN_LENGTH_S, MIN_COVERED * len(camera) * STEP_S)
@@ -123,15 +123,15 @@ def _match(
     best = int(np.argmax(correlation))
     rows = np.arange(max(0, -shifts[best]), min(len(camera), len(profile) - shifts[best]))
     rows = rows[np.isfinite(profile[rows + shifts[best]])]
-    lobe = _lobe(correlation, best)
+    peak = _peak_region(correlation, best)
     x, y = camera[rows], profile[rows + shifts[best]]
     found = TimeOffset(
-        offset_s=float(offsets_s[best]) + STEP_S * _vertex(correlation, best),
+        offset_s=float(offsets_s[best]) + STEP_S * _peak_vertex(correlation, best),
         sigma_s=_sigma_s(x, np.gradient(camera, STEP_S)[rows], y),
         correlation=float(correlation[best]),
-        rival=float(np.max(np.where(lobe, -1.0, correlation))),
+        rival=float(np.max(np.where(peak, -1.0, correlation))),
         lead_nats=0.0,
-        chance=_chance(x, y, float(correlation[best]), int(allowed.sum())),
+        chance=_false_match_probability(x, y, float(correlation[best]), int(allowed.sum())),
     )
     found = replace(found, lead_nats=_lead_nats(found, x, y))
     if found.chance > MAX_CHANCE or found.lead_nats < MIN_LEAD_NATS or not isfinite(found.sigma_s):
@@ -143,7 +143,7 @@ def _match(
     return found
 
 
-def _correlations(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _sliding_correlation(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pearson correlation of (M,) `x` with each part of (N,) `y`, NaN apart, and their overlap.
 
     Returns:
@@ -153,20 +153,20 @@ def _correlations(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]
     y = np.where(known > 0, y - np.nanmean(y), 0.0)
     x, ones = x - x.mean(), np.ones(len(x))
 
-    def summed(a: FloatArray, b: FloatArray) -> FloatArray:
+    def cross_correlate(a: FloatArray, b: FloatArray) -> FloatArray:
         return np.asarray(correlate(a, b, mode="full", method="fft"))
 
-    n = np.maximum(summed(known, ones).round(), 1.0)
-    sum_x, sum_y = summed(known, x), summed(y, ones)
-    variance_x = np.maximum(n * summed(known, x * x) - sum_x**2, 0.0)
-    variance_y = np.maximum(n * summed(y * y, ones) - sum_y**2, 0.0)
+    n = np.maximum(cross_correlate(known, ones).round(), 1.0)
+    sum_x, sum_y = cross_correlate(known, x), cross_correlate(y, ones)
+    variance_x = np.maximum(n * cross_correlate(known, x * x) - sum_x**2, 0.0)
+    variance_y = np.maximum(n * cross_correlate(y * y, ones) - sum_y**2, 0.0)
     size = np.sqrt(variance_x * variance_y)
     floor = 1e-9 * max(float(size.max()), 1e-30)
-    product = n * summed(y, x) - sum_x * sum_y
+    product = n * cross_correlate(y, x) - sum_x * sum_y
     return np.where(size > floor, product / np.maximum(size, floor), 0.0).clip(-1, 1), n
 
 
-def _lobe(correlation: FloatArray, best: int) -> BoolArray:
+def _peak_region(correlation: FloatArray, best: int) -> BoolArray:
     """The shifts that belong to the peak: as far as it falls, and at least `_LOBE_S`."""
     falling = np.diff(correlation) < 0
     stop = best + int(np.argmin(np.append(falling[best:], False)))
@@ -176,7 +176,7 @@ def _lobe(correlation: FloatArray, best: int) -> BoolArray:
     return (shifts >= min(start, best - reach)) & (shifts <= max(stop, best + reach))
 
 
-def _vertex(correlation: FloatArray, best: int) -> float:
+def _peak_vertex(correlation: FloatArray, best: int) -> float:
     """Where between the samples the parabola through the peak is highest, -0.5 to 0.5."""
     if not 0 < best < len(correlation) - 1:
         return 0.0
@@ -185,7 +185,7 @@ def _vertex(correlation: FloatArray, best: int) -> float:
     return float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend < 0 else 0.0
 
 
-def _unexplained(y: FloatArray, x: FloatArray) -> FloatArray:
+def _fit_residuals(y: FloatArray, x: FloatArray) -> FloatArray:
     """What is left of y after the best a x + b."""
     basis = np.column_stack([x, np.ones(len(x))])
     return np.asarray(y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0])
@@ -197,13 +197,13 @@ def _sigma_s(x: FloatArray, slope: FloatArray, y: FloatArray) -> float:
     Errors may depend on their neighbours: Newey and West, Econometrica 1987, eq. 5.
     """
     gain = np.cov(x, y)[0, 1] / max(float(np.var(x, ddof=1)), 1e-30)
-    lever = gain * _unexplained(slope, x)
-    information = float(lever @ lever)
-    power = max(_long_run(lever * _unexplained(y, x)), 0.0)
+    influence = gain * _fit_residuals(slope, x)
+    information = float(influence @ influence)
+    power = max(_long_run_variance(influence * _fit_residuals(y, x)), 0.0)
     return sqrt(power) / information if information > 0 else np.inf
 
 
-def _long_run(values: FloatArray) -> float:
+def _long_run_variance(values: FloatArray) -> float:
     """Sum of the autocovariances up to `_TAPER_S`, Bartlett weights, times the length."""
     reach = min(round(_TAPER_S / STEP_S), len(values) - 1)
     lags = [float(values[k:] @ values[: len(values) - k]) for k in range(reach + 1)]
@@ -213,11 +213,11 @@ def _long_run(values: FloatArray) -> float:
 
 def _lead_nats(found: TimeOffset, x: FloatArray, y: FloatArray) -> float:
     ratio = (1 - max(found.rival, 0.0) ** 2) / max(1 - found.correlation**2, 1e-12)
-    independent = len(x) / max(_memory(_unexplained(y, x)), WINDOW_S / STEP_S)
+    independent = len(x) / max(_correlation_length(_fit_residuals(y, x)), WINDOW_S / STEP_S)
     return 0.5 * independent * log(ratio) if ratio > 0 else 0.0
 
 
-def _memory(values: FloatArray) -> float:
+def _correlation_length(values: FloatArray) -> float:
     """Samples that count as one, by the autocorrelation up to where it first is negative.
 
     Source: Geyer, Statistical Science 1992, section 3.3, the initial positive sequence.
@@ -227,9 +227,11 @@ def _memory(values: FloatArray) -> float:
     return float(1 + 2 * lags[1:end].sum())
 
 
-def _chance(x: FloatArray, y: FloatArray, correlation: float, shifts: int) -> float:
+def _false_match_probability(
+    x: FloatArray, y: FloatArray, correlation: float, shifts: int
+) -> float:
     """Probability of such a peak without any relation (Bartlett 1935; Fisher's z)."""
-    memory = max(_shared_memory(x, y), 1.0)
+    memory = max(_joint_correlation_length(x, y), 1.0)
     independent = len(x) / memory - 3
     if independent <= 0 or correlation >= 1:
         return 1.0 if independent <= 0 else 0.0
@@ -237,7 +239,7 @@ def _chance(x: FloatArray, y: FloatArray, correlation: float, shifts: int) -> fl
     return float(-np.expm1(max(shifts / memory, 1.0) * np.log1p(-one)))
 
 
-def _shared_memory(x: FloatArray, y: FloatArray) -> float:
+def _joint_correlation_length(x: FloatArray, y: FloatArray) -> float:
     """Samples that count as one: the sum over all lags of both autocorrelations' product."""
     product = _autocorrelation(x) * _autocorrelation(y)
     return float(1 + 2 * product[1 : max(len(x) // 2, 2)].sum())

@@ -11,9 +11,9 @@ import exifread
 from geometry.errors import BadInputError
 from locate.recording.recording import PHOTO_SUFFIXES, natural_key
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
-from locate.telemetry.bounded import refusing
+from locate.telemetry.bounded import report_as_bad_input
 from locate.telemetry.clock import parse_date_time, posix_s
-from locate.telemetry.track import AltitudeDatum, Clock, Track
+from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "photo"
 XMP_BYTES = 2**20
@@ -35,7 +35,7 @@ _XMP_COLUMNS = {
 }
 
 
-def read_photos(path: Path) -> Track:
+def read_photos(path: Path) -> TelemetryTrack:
     """Reads EXIF and DJI's XMP of one photo, or of all photos of a folder.
 
     A photo whose metadata cannot be read is one without a position. Altitudes count from mean
@@ -45,16 +45,16 @@ def read_photos(path: Path) -> Track:
         BadInputError: No photos, or none that says where it was taken.
     """
     if not path.is_dir():
-        return _track(path, [path], [_read_photo(path)])
-    with refusing(path, "photo folder"):
+        return _make_track(path, [path], [_read_photo(path)])
+    with report_as_bad_input(path, "photo folder"):
         entries = [entry for entry in path.iterdir() if entry.suffix.lower() in PHOTO_SUFFIXES]
     photos = sorted(entries, key=natural_key)
     if not photos:
         raise BadInputError(f"{path}: no photos in this folder")
-    return _track(path, photos, [_read_or_nothing(photo) for photo in photos])
+    return _make_track(path, photos, [_read_photo_or_empty(photo) for photo in photos])
 
 
-def _track(path: Path, photos: Sequence[Path], records: Sequence[Record]) -> Track:
+def _make_track(path: Path, photos: Sequence[Path], records: Sequence[Record]) -> TelemetryTrack:
     in_utc = any("utc_s" in record for record in records)
     for record in records:
         record["clock_s"] = record.get("utc_s" if in_utc else "local_s", nan)
@@ -70,7 +70,7 @@ def _track(path: Path, photos: Sequence[Path], records: Sequence[Record]) -> Tra
     )
 
 
-def _read_or_nothing(photo: Path) -> Record:
+def _read_photo_or_empty(photo: Path) -> Record:
     try:
         return _read_photo(photo)
     except BadInputError:
@@ -78,7 +78,7 @@ def _read_or_nothing(photo: Path) -> Record:
 
 
 def _read_photo(photo: Path) -> Record:
-    with refusing(photo, KIND), photo.open("rb") as file:
+    with report_as_bad_input(photo, KIND), photo.open("rb") as file:
         header = file.read(XMP_BYTES)
         file.seek(0)
         tags = exifread.process_file(file, details=False, extract_thumbnail=False)
@@ -91,23 +91,23 @@ def _exif_record(tags: Mapping[str, Any]) -> Record:
     values = {name: getattr(tag, "values", None) for name, tag in tags.items()}
     record: Record = {}
     if str(values.get("GPS GPSStatus", "A")).strip("\0 ") != "V":  # V: no fix, an old position
-        record["latitude_deg"] = _degrees(values, "GPS GPSLatitude", "S")
-        record["longitude_deg"] = _degrees(values, "GPS GPSLongitude", "W")
+        record["latitude_deg"] = _parse_degrees(values, "GPS GPSLatitude", "S")
+        record["longitude_deg"] = _parse_degrees(values, "GPS GPSLongitude", "W")
     altitude_m, (reference,) = (
-        _floats(values, "GPS GPSAltitude", 1)[0],
-        _floats(values, "GPS GPSAltitudeRef", 1),
+        _tag_numbers(values, "GPS GPSAltitude", 1)[0],
+        _tag_numbers(values, "GPS GPSAltitudeRef", 1),
     )
     record["altitude_m"] = -altitude_m if reference in _BELOW else altitude_m
-    record["horizontal_sigma_m"] = _floats(values, "GPS Tag 0x001F", 1)[0]
+    record["horizontal_sigma_m"] = _tag_numbers(values, "GPS Tag 0x001F", 1)[0]
     record = {key: value for key, value in record.items() if isfinite(value)}
     record["ellipsoidal"] = float(reference in _ELLIPSOIDAL)
-    return record | _clocks(values)
+    return record | _clock_record(values)
 
 
-def _clocks(values: Mapping[str, Any]) -> Record:
+def _clock_record(values: Mapping[str, Any]) -> Record:
     record: Record = {}
     day = str(values.get("GPS GPSDate", "")).strip("\0 ").replace("-", ":").split(":")
-    hour, minute, second = _floats(values, "GPS GPSTimeStamp", 3)
+    hour, minute, second = _tag_numbers(values, "GPS GPSTimeStamp", 3)
     if len(day) == 3 and all(part.isdecimal() for part in day) and isfinite(hour + minute + second):
         year, month, date = (int(part) for part in day)
         record["utc_s"] = posix_s(year, month, date, int(hour), int(minute), second)
@@ -129,43 +129,43 @@ def _xmp_record(header: bytes) -> Record:
         elements = list(ElementTree.fromstring(header[max(start, 0) : end + len(_XMP_END)]).iter())
     except ElementTree.ParseError:
         return {}
-    said: dict[str, str] = {}
+    stated: dict[str, str] = {}
     for element in elements:
-        said |= {_local(key): value for key, value in element.attrib.items()}
-        said[_local(element.tag)] = element.text or ""
-    numbers = {key: _number(value) for key, value in said.items()}
+        stated |= {_local_name(key): value for key, value in element.attrib.items()}
+        stated[_local_name(element.tag)] = element.text or ""
+    numbers = {key: _parse_number(value) for key, value in stated.items()}
     record = {column: numbers[key] for key, column in _XMP_COLUMNS.items() if key in numbers}
     if "RtkStdLat" in numbers and "RtkStdLon" in numbers:
         sigma_m = hypot(numbers["RtkStdLat"], numbers["RtkStdLon"]) / sqrt(2)
         record["horizontal_sigma_m"] = sigma_m
-    record["ellipsoidal"] = float(said.get("AltitudeType") == "RtkAlt")
+    record["ellipsoidal"] = float(stated.get("AltitudeType") == "RtkAlt")
     return {key: value for key, value in record.items() if isfinite(value)}
 
 
-def _local(tag: str) -> str:
+def _local_name(tag: str) -> str:
     return tag.rsplit("}", 1)[-1]
 
 
-def _degrees(values: Mapping[str, Any], name: str, negative: str) -> float:
-    degrees, minutes, seconds = _floats(values, name, 3)
+def _parse_degrees(values: Mapping[str, Any], name: str, negative: str) -> float:
+    degrees, minutes, seconds = _tag_numbers(values, name, 3)
     size = degrees + minutes / 60 + seconds / 3600
     return -size if str(values.get(name + "Ref", "")).strip("\0 ").upper() == negative else size
 
 
-def _floats(values: Mapping[str, Any], name: str, count: int) -> list[float]:
+def _tag_numbers(values: Mapping[str, Any], name: str, count: int) -> list[float]:
     """`count` numbers of a tag; NaN where it has fewer, or a ratio over 0."""
     found = values.get(name)
     numbers = list(found)[:count] if isinstance(found, Sequence) else []
     numbers += [None] * (count - len(numbers))
-    return [_ratio(number) for number in numbers]
+    return [_ratio_value(number) for number in numbers]
 
 
-def _ratio(number: object) -> float:
+def _ratio_value(number: object) -> float:
     over = getattr(number, "den", 1)
     return float(getattr(number, "num", number)) / over if number is not None and over else nan  # type: ignore[arg-type]
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     try:
         return float(text)
     except ValueError:

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from locate.telemetry.resample import interpolate
-from locate.telemetry.track import MAX_GAP_S, METRES_PER_DEGREE, Track
+from locate.telemetry.track import MAX_GAP_S, METRES_PER_DEGREE, TelemetryTrack
 
 STEP_S = 0.1
 WINDOW_S = 1.0
@@ -29,7 +29,7 @@ def path_turns_dps(times_s: FloatArray, rotations: FloatArray) -> FloatArray:
     return np.asarray(np.interp(times_s, (times_s[1:] + times_s[:-1]) / 2, rates), dtype=float)
 
 
-def grid(start_s: float, end_s: float, what: str) -> FloatArray:
+def time_grid(start_s: float, end_s: float, what: str) -> FloatArray:
     """(N,) times at `STEP_S`.
 
     Raises:
@@ -44,7 +44,7 @@ def grid(start_s: float, end_s: float, what: str) -> FloatArray:
     return start_s + STEP_S * np.arange(int(count) + 1, dtype=float)
 
 
-def speed_profile(track: Track) -> tuple[float, FloatArray]:
+def speed_profile(track: TelemetryTrack) -> tuple[float, FloatArray]:
     """Start and (N,) speeds at `STEP_S`, over windows of `WINDOW_S`; NaN in gaps.
 
     Raises:
@@ -53,10 +53,10 @@ def speed_profile(track: Track) -> tuple[float, FloatArray]:
     placed = track.take(track.has_position)
     if len(placed) < 2 or placed.times_s is None:
         raise BadInputError(f"{track.path}: needs positions with times to find a time offset")
-    grid_s = grid(placed.times_s[0], placed.times_s[-1], str(track.path))
+    grid_s = time_grid(placed.times_s[0], placed.times_s[-1], str(track.path))
     if np.isfinite(placed.speed_mps).mean() > 0.9:
         stated = placed.at(grid_s).speed_mps
-        return grid_s[0], smooth(stated)
+        return grid_s[0], smooth_profile(stated)
     moved = _without_jumps(placed.without_repeats())
     before, after = (moved.at(grid_s + shift_s) for shift_s in (-WINDOW_S / 2, WINDOW_S / 2))
     latitude_rad = np.radians(np.median(placed.latitude_deg))
@@ -64,10 +64,10 @@ def speed_profile(track: Track) -> tuple[float, FloatArray]:
     east_deg = (after.longitude_deg - before.longitude_deg + 180) % 360 - 180
     east_m = east_deg * METRES_PER_DEGREE * np.cos(latitude_rad)
     up_m = np.nan_to_num(after.altitude_m - before.altitude_m)
-    return grid_s[0], clipped(np.sqrt(north_m**2 + east_m**2 + up_m**2) / WINDOW_S)
+    return grid_s[0], clip_spikes(np.sqrt(north_m**2 + east_m**2 + up_m**2) / WINDOW_S)
 
 
-def _without_jumps(track: Track) -> Track:
+def _without_jumps(track: TelemetryTrack) -> TelemetryTrack:
     """Without the records that stand far from the running median of their neighbours."""
     kept = np.ones(len(track), dtype=bool)
     for values in (track.latitude_deg, track.longitude_deg, np.nan_to_num(track.altitude_m)):
@@ -77,7 +77,7 @@ def _without_jumps(track: Track) -> Track:
     return track.take(kept)
 
 
-def turn_profile(track: Track) -> tuple[float, FloatArray]:
+def turn_profile(track: TelemetryTrack) -> tuple[float, FloatArray]:
     """The same of angular speeds, deg/s, of the gimbal or else of the vehicle.
 
     Raises:
@@ -88,7 +88,7 @@ def turn_profile(track: Track) -> tuple[float, FloatArray]:
     angles[:, 1:] = np.nan_to_num(angles[:, 1:])
     if track.times_s is None or np.isfinite(angles[:, 0]).sum() < 2:
         raise BadInputError(f"{track.path}: needs angles with times to find a time offset")
-    grid_s = grid(track.times_s[0], track.times_s[-1], str(track.path))
+    grid_s = time_grid(track.times_s[0], track.times_s[-1], str(track.path))
     turned = np.column_stack(
         [interpolate(grid_s, track.times_s, a, MAX_GAP_S, period=360.0) for a in angles.T]
     )
@@ -96,10 +96,10 @@ def turn_profile(track: Track) -> tuple[float, FloatArray]:
     rotations = Rotation.from_euler("ZYX", np.nan_to_num(turned), degrees=True).as_matrix()
     rates = path_turns_dps(grid_s, rotations)
     rates[~(known & np.roll(known, 1) & np.roll(known, -1))] = np.nan
-    return float(grid_s[0]), clipped(smooth(rates))
+    return float(grid_s[0]), clip_spikes(smooth_profile(rates))
 
 
-def smooth(values: FloatArray) -> FloatArray:
+def smooth_profile(values: FloatArray) -> FloatArray:
     """Means over `WINDOW_S` of what is known there."""
     known, size = np.isfinite(values), 2 * round(WINDOW_S / STEP_S / 2) + 1
     total = uniform_filter1d(np.where(known, values, 0.0), size, mode="nearest")
@@ -107,7 +107,7 @@ def smooth(values: FloatArray) -> FloatArray:
     return np.where(share > 0.5, total / np.maximum(share, 0.5), np.nan)
 
 
-def clipped(values: FloatArray) -> FloatArray:
+def clip_spikes(values: FloatArray) -> FloatArray:
     """Without the spikes of a position that jumped."""
     known = values[np.isfinite(values)]
     if not len(known):

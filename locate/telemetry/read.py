@@ -9,12 +9,12 @@ from locate.telemetry import ardupilot, dji_mrk, dji_srt, gpx, odm, table, ulog
 from locate.telemetry.bounded import read_text
 from locate.telemetry.photos import read_photos
 from locate.telemetry.subtitles import read_subtitles
-from locate.telemetry.track import Track
+from locate.telemetry.track import TelemetryTrack
 
 HEAD_BYTES = 4096
 SIDECARS = (".srt", ".gpx", ".csv", ".ulg", ".bin", ".tlog", ".txt")
 
-_Text: TypeAlias = tuple[Callable[[str], bool], Callable[[str, Path], Track]]
+_Text: TypeAlias = tuple[Callable[[str], bool], Callable[[str, Path], TelemetryTrack]]
 _TEXTS: tuple[_Text, ...] = (
     (gpx.looks_like_gpx, gpx.parse_gpx),
     (dji_mrk.looks_like_mrk, dji_mrk.parse_mrk),
@@ -22,7 +22,7 @@ _TEXTS: tuple[_Text, ...] = (
     (table.looks_like_table, table.parse_table),
     (dji_srt.looks_like_srt, dji_srt.parse_srt),
 )
-_BINARIES: tuple[tuple[bytes, Callable[[Path], Track]], ...] = (
+_BINARIES: tuple[tuple[bytes, Callable[[Path], TelemetryTrack]], ...] = (
     (ulog.MAGIC, ulog.read_ulog),
     (ardupilot.BIN_MAGIC, ardupilot.read_bin),
     (b"\xff\xd8\xff", read_photos),
@@ -32,7 +32,7 @@ _BINARIES: tuple[tuple[bytes, Callable[[Path], Track]], ...] = (
 )
 
 
-def read_telemetry(path: Path) -> Track:
+def read_telemetry(path: Path) -> TelemetryTrack:
     """Reads where a camera was from a log, a table, a video's subtitles or photos.
 
     Args:
@@ -49,7 +49,7 @@ def read_telemetry(path: Path) -> Track:
         return read_photos(path)
     if not path.is_file():
         raise BadInputError(f"{path}: is no file")
-    head = _head(path)
+    head = _read_head(path)
     if not head.strip():
         raise BadInputError(f"{path}: is empty")
     for magic, read in _BINARIES:
@@ -77,7 +77,7 @@ def telemetry_candidates(recording: Path) -> tuple[Path, ...]:
     return (recording, *(by_name[name] for name in names if name in by_name))
 
 
-def _head(path: Path) -> bytes:
+def _read_head(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             return file.read(HEAD_BYTES)
@@ -85,7 +85,7 @@ def _head(path: Path) -> bytes:
         raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-def _read_text(path: Path) -> Track:
+def _read_text(path: Path) -> TelemetryTrack:
     text = read_text(path)
     for looks_like, parse in _TEXTS:
         if looks_like(text[:HEAD_BYTES]):

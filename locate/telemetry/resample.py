@@ -35,10 +35,10 @@ def interpolate(
     after = np.searchsorted(known_s, times_s).clip(max=len(known_s) - 1)
     gap_s = known_s[after] - known_s[np.maximum(after - 1, 0)]
     found[(gap_s > max_gap_s) & (known_s[after] != times_s)] = np.nan
-    return found if period is None else wrapped(found, period)
+    return found if period is None else wrap_angles(found, period)
 
 
-def wrapped(values: FloatArray, period: float = 360.0) -> FloatArray:
+def wrap_angles(values: FloatArray, period: float = 360.0) -> FloatArray:
     """The same angles in [-period / 2, period / 2)."""
     outside = (values < -period / 2) | (values >= period / 2)
     return np.where(outside, (values + period / 2) % period - period / 2, values)

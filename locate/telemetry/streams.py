@@ -11,21 +11,26 @@ from numpy.typing import ArrayLike
 from geometry.arrays import FloatArray
 from locate.telemetry.assemble import track_from_columns
 from locate.telemetry.resample import interpolate
-from locate.telemetry.track import MAX_GAP_S, PERIOD_DEG, AltitudeDatum, Clock, Track
+from locate.telemetry.track import MAX_GAP_S, PERIOD_DEG, AltitudeDatum, Clock, TelemetryTrack
 
 YAW_FROM_NORTH = 16 | 64
 """MAVLink's GIMBAL_DEVICE_FLAGS_YAW_LOCK and _YAW_IN_EARTH_FRAME; else yaw is from the vehicle."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stream:
-    """(N,) ascending times on the log's clock, and (N,) columns by their name in a `Track`."""
+class LogStream:
+    """Records of one kind in a log.
+
+    Attributes:
+        times_s: (N,) ascending, on the log's clock.
+        columns: (N,) each, by their name in a `TelemetryTrack`.
+    """
 
     times_s: FloatArray
     columns: Mapping[str, FloatArray]
 
     @classmethod
-    def of(cls, times_s: ArrayLike, **columns: ArrayLike) -> Self:
+    def from_records(cls, times_s: ArrayLike, **columns: ArrayLike) -> Self:
         """Makes a stream of unordered records."""
         stamps_s = np.asarray(times_s, dtype=float)
         order = np.argsort(stamps_s, kind="stable")
@@ -38,8 +43,8 @@ class Stream:
 
 
 def track_from_streams(
-    path: Path, kind: str, position: Stream, *others: Stream, datum: AltitudeDatum
-) -> Track:
+    path: Path, kind: str, position: LogStream, *others: LogStream, datum: AltitudeDatum
+) -> TelemetryTrack:
     """A track at the times of `position`, with the `others` interpolated to them.
 
     Raises:

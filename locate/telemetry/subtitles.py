@@ -7,28 +7,28 @@ import av
 from av.stream import Discard
 
 from geometry.errors import BadInputError
-from locate.telemetry.bounded import MAX_TEXT_BYTES, refusing
+from locate.telemetry.bounded import MAX_TEXT_BYTES, report_as_bad_input
 from locate.telemetry.dji_srt import track_of_cues
-from locate.telemetry.track import Track
+from locate.telemetry.track import TelemetryTrack
 
 KIND = "video subtitle"
 
 
-def read_subtitles(path: Path) -> Track:
+def read_subtitles(path: Path) -> TelemetryTrack:
     """Reads the first subtitle track of a video; times are those of its frames.
 
     Raises:
         BadInputError: Not a readable video, no text subtitles, or none that holds a position.
     """
-    with refusing(path, "video"), av.open(str(path)) as container:
+    with report_as_bad_input(path, "video"), av.open(str(path)) as container:
         if not container.streams.subtitles:
             raise BadInputError(
                 f"{path}: no telemetry inside this video; give a .SRT, GPX, CSV or log beside it"
             )
-        return track_of_cues(_cues(path, container), path, KIND)
+        return track_of_cues(_read_cues(path, container), path, KIND)
 
 
-def _cues(path: Path, container: "av.container.InputContainer") -> Iterator[tuple[float, str]]:
+def _read_cues(path: Path, container: "av.container.InputContainer") -> Iterator[tuple[float, str]]:
     stream = container.streams.subtitles[0]
     for other in container.streams:
         if other.index != stream.index:

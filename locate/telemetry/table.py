@@ -16,7 +16,7 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from locate.telemetry.assemble import ColumnStore, Record, track_from_columns
 from locate.telemetry.clock import parse_date_time
-from locate.telemetry.track import AltitudeDatum, Clock, Track
+from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "table"
 ALIASES = {
@@ -62,7 +62,7 @@ _FIRST_POSIX_S = 1e8
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Column:
+class _TableColumn:
     """A column that is understood: its key of `ALIASES`, its place, its unit and its title."""
 
     key: str
@@ -76,7 +76,7 @@ def looks_like_table(head: str) -> bool:
     return _find_header(head) is not None
 
 
-def parse_table(text: str, path: Path) -> Track:
+def parse_table(text: str, path: Path) -> TelemetryTrack:
     """Reads a table of positions.
 
     Coordinates may be decimal, or degrees, minutes and seconds with N, S, E or W. Rows with photo
@@ -94,7 +94,7 @@ def parse_table(text: str, path: Path) -> Track:
     store, names = ColumnStore(), list[str]()
     try:
         for row in csv.reader(text.splitlines()[start + 1 :], delimiter=delimiter):
-            store.add(_record(columns, row))
+            store.add(_row_record(columns, row))
             names += row[by_photo : by_photo + 1] or [""] if by_photo is not None else []
     except csv.Error as error:
         raise BadInputError(f"{path}: not a readable table ({error})") from error
@@ -109,46 +109,46 @@ def parse_table(text: str, path: Path) -> Track:
     )
 
 
-def _find_header(text: str) -> tuple[int, str, list[_Column]] | None:
+def _find_header(text: str) -> tuple[int, str, list[_TableColumn]] | None:
     """Line, delimiter and columns of the header."""
     for line, content in enumerate(text.split("\n", _HEADER_LINES)[:_HEADER_LINES]):
         delimiter = max(",;\t", key=content.count)
-        columns = _columns(content.split(delimiter))
+        columns = _find_columns(content.split(delimiter))
         if {"latitude_deg", "longitude_deg"} <= {column.key for column in columns}:
             return line, delimiter, columns
     return None
 
 
-def _columns(titles: list[str]) -> list[_Column]:
+def _find_columns(titles: list[str]) -> list[_TableColumn]:
     """The columns understood, the first of each kind; a file name before a path."""
-    found: dict[str, _Column] = {}
+    found: dict[str, _TableColumn] = {}
     for index, title in enumerate(titles):
         match = _TITLE.match(title.strip().strip('"').lower())
         name, unit = match.groups() if match else ("", None)
         key = _COLUMN_OF.get(re.sub(r"[^a-z0-9]", "", name))
         if key is not None:
             factor = UNITS.get(unit or "", 1.0)
-            found.setdefault(key, _Column(key=key, index=index, factor=factor, title=title))
+            found.setdefault(key, _TableColumn(key=key, index=index, factor=factor, title=title))
     return list(found.values())
 
 
-def _record(columns: list[_Column], row: list[str]) -> Record:
+def _row_record(columns: list[_TableColumn], row: list[str]) -> Record:
     record: Record = {}
     for column in columns:
         text = row[column.index] if column.index < len(row) else ""
         if column.key in ("latitude_deg", "longitude_deg"):
-            record[column.key] = _degrees(text)
+            record[column.key] = _parse_degrees(text)
         elif column.key in ("times_s", "clock_s"):
-            record |= _time(column, text)
+            record |= _time_record(column, text)
         elif column.key != "name":
-            record[column.key] = _number(text) * column.factor
+            record[column.key] = _parse_number(text) * column.factor
     return record
 
 
-def _time(column: _Column, text: str) -> Record:
+def _time_record(column: _TableColumn, text: str) -> Record:
     seconds, zoned = parse_date_time(text)
     if isnan(seconds):
-        seconds = _number(text) * column.factor
+        seconds = _parse_number(text) * column.factor
         if not abs(seconds) >= _FIRST_POSIX_S:
             return {"times_s": seconds} if column.key == "times_s" else {}
         zoned = True
@@ -165,7 +165,7 @@ def _choose_altitude(values: dict[str, FloatArray]) -> AltitudeDatum:
     return AltitudeDatum.UNKNOWN
 
 
-def _degrees(text: str) -> float:
+def _parse_degrees(text: str) -> float:
     parts = [abs(float(number)) for number in _NUMBER.findall(text)[:3]]
     if not parts:
         return nan
@@ -174,6 +174,6 @@ def _degrees(text: str) -> float:
     return -degrees if text.lstrip().startswith("-") or text.rstrip()[-1:] in "SWsw" else degrees
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     found = _NUMBER.search(text)
     return float(found.group()) if found else nan

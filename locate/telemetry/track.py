@@ -60,7 +60,7 @@ class Clock(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Track:
+class TelemetryTrack:
     """N records of position and attitude; NaN where a record lacks a value.
 
     Angles are in degrees in the north-east-down sense: yaw clockwise from true north, pitch up
@@ -169,7 +169,7 @@ class Track:
         interpolation would follow. A position held for over a second is a hover: its last
         repetition stays too.
         """
-        times_s = self._stamps()
+        times_s = self._required_times()
         moved = np.ones(len(self), dtype=bool)
         for name in ("latitude_deg", "longitude_deg"):
             moved[1:] &= np.diff(getattr(self, name)) == 0
@@ -189,7 +189,7 @@ class Track:
         Raises:
             BadInputError: The records have names and no times.
         """
-        stamps_s, wanted_s = self._stamps(), np.asarray(times_s, dtype=float)
+        stamps_s, wanted_s = self._required_times(), np.asarray(times_s, dtype=float)
         columns: dict[str, Any] = {
             name: interpolate(
                 wanted_s, stamps_s, getattr(self, name), max_gap_s, period=PERIOD_DEG.get(name)
@@ -206,13 +206,13 @@ class Track:
         """
         tables = [
             {key(name): row for row, name in reversed(list(enumerate(self.names)))}
-            for key in (_file_name, _stem)
+            for key in (_file_name, _file_stem)
         ]
         if self.names and all(name.isdecimal() for name in self.names):
             numbers = {str(int(name)): row for row, name in enumerate(self.names)}
             return np.array([numbers.get(_last_number(n), -1) for n in names], dtype=np.int64)
         by_name, by_stem = tables
-        rows = [by_name.get(_file_name(n), by_stem.get(_stem(n), -1)) for n in names]
+        rows = [by_name.get(_file_name(n), by_stem.get(_file_stem(n), -1)) for n in names]
         return np.array(rows, dtype=np.int64)
 
     def named(self, name: str) -> Self:
@@ -226,7 +226,7 @@ class Track:
             raise BadInputError(f"{self.path}: holds no record of {name}")
         return self.take([int(row)])
 
-    def _stamps(self) -> FloatArray:
+    def _required_times(self) -> FloatArray:
         if self.times_s is None:
             raise BadInputError(
                 f"{self.path}: its records belong to single photos and have no times; "
@@ -239,10 +239,10 @@ def _file_name(name: str) -> str:
     return name.replace("\\", "/").rsplit("/", 1)[-1].lower()
 
 
-def _stem(name: str) -> str:
+def _file_stem(name: str) -> str:
     return Path(_file_name(name)).stem
 
 
 def _last_number(name: str) -> str:
-    digits = "".join(c if c.isdecimal() else " " for c in _stem(name)).split()
+    digits = "".join(c if c.isdecimal() else " " for c in _file_stem(name)).split()
     return str(int(digits[-1])) if digits and len(digits[-1]) < 20 else ""

@@ -7,9 +7,14 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from locate.telemetry.bounded import check_size, quietly, refusing
-from locate.telemetry.streams import YAW_FROM_NORTH, Stream, track_from_streams, yaw_pitch_roll_deg
-from locate.telemetry.track import AltitudeDatum, Track
+from locate.telemetry.bounded import check_size, report_as_bad_input, suppress_output
+from locate.telemetry.streams import (
+    YAW_FROM_NORTH,
+    LogStream,
+    track_from_streams,
+    yaw_pitch_roll_deg,
+)
+from locate.telemetry.track import AltitudeDatum, TelemetryTrack
 
 KIND = "PX4 ULog"
 MAGIC = b"ULog\x01\x12\x35"
@@ -21,7 +26,7 @@ _FUSED, _ATTITUDE, _GIMBAL = (
 _RECEIVER = ("vehicle_gps_position", "sensor_gps")
 
 
-def read_ulog(path: Path) -> Track:
+def read_ulog(path: Path) -> TelemetryTrack:
     """Reads a ULog at the rate of its receiver, or of its filter where that was logged.
 
     Heights are ellipsoidal where the log has them, above mean sea level otherwise.
@@ -31,7 +36,7 @@ def read_ulog(path: Path) -> Track:
     """
     check_size(path)
     wanted = [_FUSED, *_RECEIVER, _ATTITUDE, _GIMBAL]
-    with refusing(path, KIND, extra="px4"), quietly(), path.open("rb") as file:
+    with report_as_bad_input(path, KIND, extra="px4"), suppress_output(), path.open("rb") as file:
         from pyulog import ULog
 
         log = ULog(file, message_name_filter_list=wanted)
@@ -40,17 +45,17 @@ def read_ulog(path: Path) -> Track:
         positions = topics.get(_FUSED, receiver)
         if positions is None:
             raise BadInputError(f"{path}: this log has no position topic ({_FUSED}, sensor_gps)")
-        position, datum = _position(positions)
-        others = [_clock(receiver)] if receiver else []
+        position, datum = _position_stream(positions)
+        others = [_clock_stream(receiver)] if receiver else []
         others += [
-            _attitude(topics[name], what)
+            _attitude_stream(topics[name], what)
             for name, what in ((_ATTITUDE, "vehicle"), (_GIMBAL, "gimbal"))
             if name in topics
         ]
         return track_from_streams(path, KIND, position, *others, datum=datum)
 
 
-def _position(data: dict[str, Any]) -> tuple[Stream, AltitudeDatum]:
+def _position_stream(data: dict[str, Any]) -> tuple[LogStream, AltitudeDatum]:
     """A position topic; until PX4 1.14 receivers gave integers of 1e-7 degrees and mm."""
     in_degrees = data.get("latitude_deg", data["lat"] if "fix_type" not in data else None)
     fixed = data["fix_type"] >= 2 if "fix_type" in data else np.True_
@@ -69,8 +74,8 @@ def _position(data: dict[str, Any]) -> tuple[Stream, AltitudeDatum]:
         ((data[key] * factor, datum) for key, factor, datum in altitudes if key in data),
         (np.full(len(data["timestamp"]), np.nan), AltitudeDatum.UNKNOWN),
     )
-    stream = Stream.of(
-        _seconds(data),
+    stream = LogStream.from_records(
+        _log_seconds(data),
         latitude_deg=np.where(fixed, latitude, np.nan),
         longitude_deg=np.where(fixed, longitude, np.nan),
         altitude_m=altitude_m,
@@ -80,18 +85,18 @@ def _position(data: dict[str, Any]) -> tuple[Stream, AltitudeDatum]:
     return stream, datum
 
 
-def _clock(data: dict[str, Any]) -> Stream:
+def _clock_stream(data: dict[str, Any]) -> LogStream:
     utc_s = data["time_utc_usec"] * 1e-6
-    return Stream.of(_seconds(data), clock_s=np.where(utc_s > 0, utc_s, np.nan))
+    return LogStream.from_records(_log_seconds(data), clock_s=np.where(utc_s > 0, utc_s, np.nan))
 
 
-def _attitude(data: dict[str, Any], what: str) -> Stream:
+def _attitude_stream(data: dict[str, Any], what: str) -> LogStream:
     yaw, pitch, roll = yaw_pitch_roll_deg(np.column_stack([data[f"q[{i}]"] for i in range(4)]))
     if "device_flags" in data:
         yaw = np.where(data["device_flags"] & YAW_FROM_NORTH, yaw, np.nan)
     named = {f"{what}_yaw_deg": yaw, f"{what}_pitch_deg": pitch, f"{what}_roll_deg": roll}
-    return Stream.of(_seconds(data), **named)
+    return LogStream.from_records(_log_seconds(data), **named)
 
 
-def _seconds(data: dict[str, Any]) -> FloatArray:
+def _log_seconds(data: dict[str, Any]) -> FloatArray:
     return np.asarray(data["timestamp"], dtype=float) * 1e-6

@@ -10,13 +10,13 @@ from geometry.georeference import Alignment, Georeference, HeightDatum, fit_simi
 from geometry.georeference.fixes import positions_of_cameras
 from geometry.georeference.gravity import up_from_gimbal, up_from_ground
 from geometry.sfm import Reconstruction
-from locate.telemetry import Track, read_telemetry
+from locate.telemetry import TelemetryTrack, read_telemetry
 
 pytestmark = pytest.mark.slow
 SIGMAS_M = (3.0, 3.0, 6.0)
 
 
-def reconstructed(folder: Path, workdir: Path) -> tuple[Reconstruction, Track]:
+def reconstructed(folder: Path, workdir: Path) -> tuple[Reconstruction, TelemetryTrack]:
     """The scene, and the record of each of its frames."""
     bench = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "sfm.py"))
     found, frames = bench["run"](folder, workdir)
@@ -25,7 +25,7 @@ def reconstructed(folder: Path, workdir: Path) -> tuple[Reconstruction, Track]:
     return found, track.take(track.rows_of([source[name] for name in found.names]))
 
 
-def local_positions(track: Track) -> np.ndarray:
+def local_positions(track: TelemetryTrack) -> np.ndarray:
     """(N, 3) in the frame of the first fix; heights above the sea, whichever sea."""
     fixes = np.stack([track.latitude_deg, track.longitude_deg, track.altitude_m], axis=1)
     return Georeference.at(fixes[0], HeightDatum.MEAN_SEA_LEVEL, "first fix").enu(fixes)

@@ -18,7 +18,7 @@ from locate.survey.model import Column, Flight, Moment, Settings
 from locate.survey.moments import bin_of, moment_of_track
 from locate.survey.wind import wind_of
 from locate.telemetry import read_telemetry
-from locate.telemetry.track import Clock, Track
+from locate.telemetry.track import Clock, TelemetryTrack
 from tests.locate.survey_runs import FIELD, Flown, write_run
 
 CELL_M = 4.0
@@ -34,7 +34,7 @@ def flight(root: Path, flown: Flown) -> Flight:
     return read
 
 
-def track(root: Path, clock: Clock, moment: datetime, longitude_deg: float) -> Track:
+def track(root: Path, clock: Clock, moment: datetime, longitude_deg: float) -> TelemetryTrack:
     write_run(root, Flown(name="any"))
     read = read_telemetry(root / "any.srt")
     clock_s = np.full(len(read), moment.replace(tzinfo=UTC).timestamp())

@@ -11,7 +11,7 @@ from geometry.errors import BadInputError
 from locate.telemetry import (
     AltitudeDatum,
     Clock,
-    Track,
+    TelemetryTrack,
     read_ground_control,
     read_telemetry,
     telemetry_candidates,
@@ -26,13 +26,13 @@ from tests.locate import recorded
 NOON_S = 1_682_942_400.0  # 2023-05-01 12:00:00
 
 
-def read(folder: Path, name: str, content: str) -> Track:
+def read(folder: Path, name: str, content: str) -> TelemetryTrack:
     path = folder / name
     path.write_text(content)
     return read_telemetry(path)
 
 
-def track(**columns: object) -> Track:
+def track(**columns: object) -> TelemetryTrack:
     arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
     return track_from_columns(Path("here"), "test", arrays)
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from geometry.errors import BadInputError
-from locate.telemetry import Track, read_ground_control, read_telemetry
+from locate.telemetry import TelemetryTrack, read_ground_control, read_telemetry
 from locate.telemetry.track import COLUMNS
 from tests.locate import recorded
 
@@ -53,7 +53,7 @@ def check(path: Path) -> None:
     assert "\n" not in refusal
 
 
-def assert_sound(found: Track) -> None:
+def assert_sound(found: TelemetryTrack) -> None:
     assert len(found) > 0
     for name in COLUMNS:
         values = getattr(found, name)
