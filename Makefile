@@ -4,15 +4,17 @@ SETS ?= ../shared/data/2_sfm
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test ros bench train lint clean
+.PHONY: help demo test robust ros bench train lint picture clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
+	@echo "make robust  the tests that depend on rounding: kernels of other processors, threads, load"
 	@echo "make ros     the ROS 2 node against real rclpy, Kilted and Jazzy"
 	@echo "make bench   the slow tests and the benchmarks: hours"
 	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR, sets in SETS=DIR"
-	@echo "make lint    ruff, mypy and import-linter only"
+	@echo "make lint    ruff, mypy, import-linter and the limits on names only"
+	@echo "make picture draw the packages and their imports: docs/images/packages.svg"
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/locate demo -o out/demo
@@ -20,6 +22,9 @@ demo: $(VENV)/runtime.stamp
 test: lint
 	$(BIN)/python -m pytest -m "not slow"
 	tests/wheel_check.sh $(BIN)/python
+
+robust: $(VENV)/dev.stamp
+	$(BIN)/python .ci/robustness
 
 ros:
 	.ci/ros/run
@@ -58,6 +63,10 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/names.py --most-loose 0
+
+picture: $(VENV)/dev.stamp
+	$(BIN)/python .ci/packages.py -o docs/images/packages.svg
 
 clean:
 	rm -rf build dist out
