@@ -25,7 +25,7 @@ from locate.map.plume import Plume
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.engine import NEW_SHARE
-from locate.robot.follower import Follower
+from locate.robot.fixed_lag_smoother import Follower
 from locate.robot.next_view import rank
 from locate.robot.settings import Settings
 from locate.simulation.evidence import Corruption, Truth, corrupted_views, orbit, random_truth

@@ -19,7 +19,7 @@ from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.follower import Follower
+from locate.robot.fixed_lag_smoother import Follower
 from locate.simulation.evidence import Corruption, corrupted_views, orbit, random_truth
 
 KEPT = 32

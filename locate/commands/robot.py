@@ -113,7 +113,7 @@ def dds(
     """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""
     from locate.messages.wiring import PoseSource, Wiring
     from locate.robot.dds import OUTPUT, DdsNode, TopicNames
-    from locate.robot.wire import Wire
+    from locate.robot.dds_transport import Wire
 
     if pose and pose_topic is None:
         raise BadInputError("--pose says what the pose topic is; give --pose-topic with it")

@@ -12,9 +12,9 @@ from locate.map.plume import PlumeMap
 from locate.messages.bags import BagTopics, Topics, opened
 from locate.messages.wiring import Wiring
 from locate.robot.bag_results import write_updates
-from locate.robot.feeder import Feeder
+from locate.robot.message_adapter import Feeder
+from locate.robot.plume_tracks import Update
 from locate.robot.settings import Settings
-from locate.robot.tracks import Update
 
 
 @with_one_blas_thread

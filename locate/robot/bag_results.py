@@ -10,9 +10,9 @@ from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from locate.map.plume import PlumeMap
 from locate.messages.bags import is_bag
-from locate.robot.announcer import Announcer, type_of
-from locate.robot.messages import Messages
-from locate.robot.tracks import State, Update
+from locate.robot.message_builder import Messages
+from locate.robot.plume_tracks import State, Update
+from locate.robot.publisher import Announcer, type_of
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

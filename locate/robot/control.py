@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from locate.robot.announcer import Announcer
-from locate.robot.feeder import Feeder
-from locate.robot.messages import Health
-from locate.robot.tracks import State
+from locate.robot.message_adapter import Feeder
+from locate.robot.message_builder import Health
+from locate.robot.plume_tracks import State
+from locate.robot.publisher import Announcer
 
 COMMANDS = ("start", "stop", "save", "reset")
 

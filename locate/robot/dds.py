@@ -7,7 +7,11 @@ from typing import Any
 
 from detect.detection import Detector
 from locate.messages.wiring import Wiring
-from locate.robot.announcer import (
+from locate.robot.control import Control
+from locate.robot.dds_transport import Wire
+from locate.robot.message_adapter import Feeder
+from locate.robot.message_builder import Messages
+from locate.robot.publisher import (
     HEALTH_TOPIC,
     HEALTH_TYPE,
     MARKERS,
@@ -15,11 +19,7 @@ from locate.robot.announcer import (
     Announcer,
     type_of,
 )
-from locate.robot.control import Control
-from locate.robot.feeder import Feeder
-from locate.robot.messages import Messages
 from locate.robot.settings import Settings
-from locate.robot.wire import Wire
 
 POSE_TYPES = {
     "odometry": "nav_msgs/msg/Odometry",

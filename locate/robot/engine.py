@@ -14,10 +14,10 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import as_trajectory
 from locate.robot.drift import SharedError
-from locate.robot.follower import Follower
+from locate.robot.fixed_lag_smoother import Follower
+from locate.robot.plume_tracks import Span, State, Tracks, Update, as_column
 from locate.robot.search import Searcher
 from locate.robot.settings import Settings
-from locate.robot.tracks import Span, State, Tracks, Update, as_column
 from locate.robot.window import EvidenceWindow, FrameWindow, Task
 
 FEWEST_VIEWS = 4

@@ -18,14 +18,14 @@ from geometry.camera import Camera
 from locate import __version__
 from locate.map.plume import PlumeMap
 from locate.messages.poses import UNKNOWN, StampedPose
-from locate.robot.apart import AVAILABLE, LEARNED, DetectorApart, SearchApart
 from locate.robot.engine import Engine
-from locate.robot.intake import Counts, Intake
+from locate.robot.keyframe_selector import Counts, Intake
 from locate.robot.next_view import Suggestion, rank
+from locate.robot.plume_tracks import State, Update
 from locate.robot.search import Search, Searcher
 from locate.robot.settings import Settings
-from locate.robot.tracks import State, Update
 from locate.robot.window import Task
+from locate.robot.worker import AVAILABLE, LEARNED, DetectorApart, SearchApart
 
 MOST_NEWS = 1024
 AT_LEAST_EVERY_S = 5.0

@@ -9,7 +9,7 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
 from locate.map.plume import Plume
-from locate.robot.tracks import State, Update
+from locate.robot.plume_tracks import State, Update
 
 TEXT_BYTES = 50
 ABOVE_SOURCE_M = 10.0

@@ -8,7 +8,11 @@ from typing import Any
 from detect.detection import Detector
 from geometry.errors import BadInputError
 from locate.messages.wiring import Wiring
-from locate.robot.announcer import (
+from locate.robot.control import COMMANDS, Control
+from locate.robot.message_adapter import Feeder
+from locate.robot.message_builder import Messages
+from locate.robot.parameters import PARAMETERS
+from locate.robot.publisher import (
     HEALTH_TOPIC,
     HEALTH_TYPE,
     MARKERS,
@@ -16,10 +20,6 @@ from locate.robot.announcer import (
     Announcer,
     type_of,
 )
-from locate.robot.control import COMMANDS, Control
-from locate.robot.feeder import Feeder
-from locate.robot.messages import Messages
-from locate.robot.parameters import PARAMETERS
 from locate.robot.settings import Settings
 
 NODE_NAME = "locate"

@@ -15,7 +15,7 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.follower import Follower
+from locate.robot.fixed_lag_smoother import Follower
 from locate.robot.settings import Settings
 
 CANDIDATE_FALSE_ALARM = 0.3

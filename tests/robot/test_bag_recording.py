@@ -25,7 +25,7 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording.bag import BagRecording
 from locate.simulation.evidence import orbit
-from tests.robot.test_bags import MOUNT, Recorder
+from tests.robot.test_bag_playing import MOUNT, Recorder
 from tests.robot.test_next_view import plume
 
 COUNT, RATE_HZ = 12, 10

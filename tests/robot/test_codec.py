@@ -8,7 +8,7 @@ import pytest
 
 from geometry.errors import BadInputError
 from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
-from tests.robot.messages import camera_info, header, image
+from tests.robot.fake_messages import camera_info, header, image
 
 RNG = np.random.default_rng(0)
 GREY = RNG.integers(0, 256, (6, 10), dtype=np.uint8)

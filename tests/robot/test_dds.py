@@ -20,10 +20,10 @@ from locate.messages.wiring import Wiring
 from locate.robot import Settings
 from locate.robot.control import Control
 from locate.robot.dds import DdsNode, TopicNames
-from locate.robot.wire import Wire
+from locate.robot.dds_transport import Wire
 from locate.simulation.evidence import Truth
 from tests.robot.drive import Oracle
-from tests.robot.test_bags import Recorder
+from tests.robot.test_bag_playing import Recorder
 
 # What ROS itself warns of is not ours to repair.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")

@@ -15,7 +15,7 @@ from locate.messages.transforms import (
     ros_covariance,
     tangent_covariance,
 )
-from tests.robot.messages import header, quaternion, vector
+from tests.robot.fake_messages import header, quaternion, vector
 
 
 def random_pose(rng: np.random.Generator) -> np.ndarray:

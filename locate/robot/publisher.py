@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from locate.robot.messages import Messages
-from locate.robot.tracks import State, Update
+from locate.robot.message_builder import Messages
+from locate.robot.plume_tracks import State, Update
 
 MARKERS, POINTS = "markers", "points"
 TYPES = {

@@ -23,7 +23,7 @@ from geometry.threads import with_one_blas_thread
 from locate.fusion.views import Views
 from locate.messages.poses import StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.follower import Follower
+from locate.robot.fixed_lag_smoother import Follower
 from locate.robot.search import Search
 from locate.robot.settings import Settings
 

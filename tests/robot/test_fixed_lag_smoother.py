@@ -9,7 +9,7 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.follower import Follower
+from locate.robot.fixed_lag_smoother import Follower
 from locate.simulation.evidence import Truth
 
 KEPT = 8

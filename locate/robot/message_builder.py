@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from locate.map.plume import Plume
 from locate.messages.poses import NS
-from locate.robot.tracks import State, Update
+from locate.robot.plume_tracks import State, Update
 
 MARKED_SIGMAS = 2.0
 LEAST_MARK_M = 0.02

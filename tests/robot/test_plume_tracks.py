@@ -7,7 +7,15 @@ import pytest
 from locate.map.plume import Plume
 from locate.messages.poses import NS, PoseBuffer, StampedPose
 from locate.robot.drift import LEAST_OWN_SHARE, SharedError
-from locate.robot.tracks import MOST_TRACKS, Span, State, Tracks, Update, as_column, joined_estimate
+from locate.robot.plume_tracks import (
+    MOST_TRACKS,
+    Span,
+    State,
+    Tracks,
+    Update,
+    as_column,
+    joined_estimate,
+)
 from tests.robot.test_next_view import plume
 
 UNIT = 1.0

@@ -11,9 +11,9 @@ from geometry.errors import BadInputError
 from locate.fusion.views import Views
 from locate.messages.poses import StampedPose
 from locate.robot import Locator, Settings, State
-from locate.robot.apart import DetectorApart, SearchApart
 from locate.robot.drift import SharedError
 from locate.robot.search import Search
+from locate.robot.worker import DetectorApart, SearchApart
 from locate.simulation.evidence import Truth
 from tests.robot.drive import BLANK, Oracle, moments
 

@@ -20,7 +20,7 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import StampedPose, as_trajectory
 from locate.robot.drift import SharedError
-from locate.robot.tracks import as_column
+from locate.robot.plume_tracks import as_column
 
 LEAST_VARIANCE_SHARE = 1e-3
 

@@ -10,8 +10,8 @@ from locate.messages.poses import NS
 from locate.messages.transforms import ros_covariance
 from locate.messages.wiring import Wiring
 from locate.robot import Settings
-from locate.robot.feeder import Feeder
-from tests.robot.messages import camera_info, header, image, quaternion, vector
+from locate.robot.message_adapter import Feeder
+from tests.robot.fake_messages import camera_info, header, image, quaternion, vector
 from tests.robot.test_transforms import stamped
 
 SETTINGS = Settings(views_a_decision=1000, lag=0)
