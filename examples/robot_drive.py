@@ -19,7 +19,7 @@ from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.recording import open_recording
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
-from locate.robot import Locator, Update
+from locate.robot import Locator, PlumeUpdate
 
 DRIFT_PER_ROOT_METRE = 0.005
 SIGMA_RAD, SIGMA_M = np.deg2rad(0.05), 0.003
@@ -41,19 +41,19 @@ def odometry(
         yield pose, np.diag([*[SIGMA_RAD**2] * 3, *[variance] * 3])
 
 
-def line(update: Update) -> str:
+def line(update: PlumeUpdate) -> str:
     plume = update.plume
     place = ", ".join(f"{value:.2f}" for value in plume.source)
     sigma = f"sigma {plume.principal_sigmas[0]:.2f} m"
     return f"{update.state} {plume.id}: ({place}) m, {sigma}, P {plume.probability:.3f}"
 
 
-def main(*, realtime: bool = False) -> list[Update]:
+def main(*, realtime: bool = False) -> list[PlumeUpdate]:
     console = Console()
     content = json.loads((SAMPLE / "truth.json").read_text())
     truth = Trajectory.from_dict(content)
     poses = odometry(truth, np.random.default_rng(0))
-    news: list[Update] = []
+    news: list[PlumeUpdate] = []
     with Locator(truth.camera, threaded=realtime) as locator:
         frames = open_recording(SAMPLE_VIDEO, max_side=1 << 16).frames()
         for frame, (pose, covariance) in zip(frames, poses, strict=True):

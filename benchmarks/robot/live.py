@@ -28,7 +28,7 @@ from geometry.arrays import FloatArray, GreyImage
 from geometry.trajectory import Trajectory
 from locate.recording import open_recording
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
-from locate.robot import Locator, Settings
+from locate.robot import Locator, LocatorSettings
 
 RATE_HZ = 30
 SHOWN = 2
@@ -147,17 +147,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--replay", type=int, default=0, metavar="KEY_FRAMES")
-    parser.add_argument("--width", type=int, default=Settings().width_px)
-    parser.add_argument("--neighbours", type=int, default=Settings().neighbours)
-    parser.add_argument("--lookers", type=int, default=Settings().lookers)
-    parser.add_argument("--spacing", type=float, default=Settings().spacing)
-    parser.add_argument("--lag", type=int, default=Settings().lag)
+    parser.add_argument("--width", type=int, default=LocatorSettings().width_px)
+    parser.add_argument("--neighbours", type=int, default=LocatorSettings().neighbours)
+    parser.add_argument("--lookers", type=int, default=LocatorSettings().lookers)
+    parser.add_argument("--spacing", type=float, default=LocatorSettings().spacing)
+    parser.add_argument("--lag", type=int, default=LocatorSettings().lag)
     parser.add_argument("--plain", action="store_true", help="judge by hand, not by the network")
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     truth = Trajectory.from_dict(json.loads((SAMPLE / "truth.json").read_text()))
-    settings = Settings(
+    settings = LocatorSettings(
         width_px=arguments.width,
         neighbours=arguments.neighbours,
         lag=arguments.lag,

@@ -25,9 +25,9 @@ from locate.map.plume import Plume
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.engine import NEW_SHARE
-from locate.robot.fixed_lag_smoother import Follower
+from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.robot.next_view import rank
-from locate.robot.settings import Settings
+from locate.robot.settings import LocatorSettings
 from locate.simulation.evidence import Corruption, Truth, corrupted_views, orbit, random_truth
 from locate.simulation.paths import look_at
 
@@ -97,7 +97,7 @@ class Known:
     def __init__(self, first: Views) -> None:
         self.parts = [first]
         self.plume: Plume | None = None
-        self._follower: Follower | None = None
+        self._follower: FixedLagSmoother | None = None
         self._searched = 0
 
     @property
@@ -113,13 +113,15 @@ class Known:
     def search(self) -> None:
         """Looks through all views if enough are new."""
         views = self.views
-        if len(views) - self._searched < max(Settings().views_a_decision, NEW_SHARE * len(views)):
+        if len(views) - self._searched < max(
+            LocatorSettings().views_a_decision, NEW_SHARE * len(views)
+        ):
             return
         self._searched = len(views)
         self.plume, self._follower = next(iter(fuse(views, null=NULL).plumes), None), None
         if self.plume is not None:
             nothing_shared = SharedError(pose=None)
-            self._follower = Follower(
+            self._follower = FixedLagSmoother(
                 self.plume, views, poses_of(views), nothing_shared, most=MOST_VIEWS
             )
 

@@ -27,7 +27,7 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording import open_recording
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
-from locate.robot import Locator, Settings
+from locate.robot import Locator, LocatorSettings
 
 SIGMAS = np.repeat([np.deg2rad(0.05), 0.005], 3)
 NS = 1_000_000_000
@@ -44,7 +44,7 @@ def offline(video: Path, truth: Trajectory, detector: str) -> Plumes:
         return Run(config, Path(folder) / "run").run().plumes
 
 
-def online(video: Path, truth: Trajectory, detector: str, settings: Settings) -> Plumes:
+def online(video: Path, truth: Trajectory, detector: str, settings: LocatorSettings) -> Plumes:
     locator = Locator(
         truth.camera,
         settings=settings,
@@ -87,9 +87,9 @@ def main() -> None:
     parser.add_argument("--detector", default="registered")
     for name in ("width_px", "neighbours", "lag"):
         option = f"--{name.removesuffix('_px')}"
-        parser.add_argument(option, type=int, default=getattr(Settings(), name), dest=name)
+        parser.add_argument(option, type=int, default=getattr(LocatorSettings(), name), dest=name)
     arguments = parser.parse_args()
-    settings = Settings(
+    settings = LocatorSettings(
         width_px=arguments.width_px, neighbours=arguments.neighbours, lag=arguments.lag
     )
     cv2.setNumThreads(1)

@@ -19,7 +19,7 @@ from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.fixed_lag_smoother import Follower
+from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.simulation.evidence import Corruption, corrupted_views, orbit, random_truth
 
 KEPT = 32
@@ -60,7 +60,7 @@ def main() -> None:
     (plume,) = fuse(views, null=NULL).plumes
     print(f"search of {KEPT} views: {time.process_time() - started:.1f} CPU s")
     poses = [pose(views, row, row * NS // 5) for row in range(KEPT)]
-    follower = Follower(plume, views, poses, SharedError.of([]), most=KEPT)
+    follower = FixedLagSmoother(plume, views, poses, SharedError.of([]), most=KEPT)
     rows = cycle([*reversed(range(KEPT)), *range(KEPT)])
     parts = [one(views, row) for row in range(KEPT)]
     spent_ms, latest = [], plume

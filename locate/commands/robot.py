@@ -10,7 +10,7 @@ from locate.commands.console import Output, err, out
 from locate.journal.progress import progress_bars
 
 if TYPE_CHECKING:
-    from locate.robot.settings import Settings
+    from locate.robot.settings import LocatorSettings
 
 WorldFrame = Annotated[str, typer.Option(help="Frame of the map, Z up.")]
 BodyFrame = Annotated[
@@ -68,7 +68,7 @@ def bag(
 ) -> None:
     """Play a robot's recording into the locator: map.json, and plumes/plumes.mcap for a viewer."""
     from locate.export.table import map_table
-    from locate.messages.bags import Topics
+    from locate.messages.bags import TopicChoice
     from locate.messages.wiring import Wiring
     from locate.robot.bag_playing import locate_in_bag
 
@@ -77,7 +77,7 @@ def bag(
         plume_map = locate_in_bag(
             recording,
             output,
-            topics=Topics(image=image_topic, camera_info=info_topic, pose=pose_topic),
+            topics=TopicChoice(image=image_topic, camera_info=info_topic, pose=pose_topic),
             wiring=Wiring(world_frame=world_frame, body_frame=body_frame, rectified=rectified),
             settings=settings,
             report=report,
@@ -113,7 +113,7 @@ def dds(
     """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""
     from locate.messages.wiring import PoseSource, Wiring
     from locate.robot.dds import OUTPUT, DdsNode, TopicNames
-    from locate.robot.dds_transport import Wire
+    from locate.robot.dds_transport import DdsTransport
 
     if pose and pose_topic is None:
         raise BadInputError("--pose says what the pose topic is; give --pose-topic with it")
@@ -126,7 +126,7 @@ def dds(
     )
     settings = _settings(width_px=width_px, neighbours=neighbours, lookers=lookers)
     names = TopicNames(image=image_topic, camera_info=info_topic, pose=pose_topic or "")
-    node = DdsNode(Wire(domain), wiring, names, settings=settings, output=output or OUTPUT)
+    node = DdsNode(DdsTransport(domain), wiring, names, settings=settings, output=output or OUTPUT)
     try:
         while True:
             node.spin_once()
@@ -136,8 +136,8 @@ def dds(
         node.close()
 
 
-def _settings(**asked: Any) -> "Settings":
+def _settings(**asked: Any) -> "LocatorSettings":
     """The locator's settings, with what was asked for."""
-    from locate.robot.settings import Settings
+    from locate.robot.settings import LocatorSettings
 
-    return Settings(**{name: value for name, value in asked.items() if value is not None})
+    return LocatorSettings(**{name: value for name, value in asked.items() if value is not None})

@@ -31,7 +31,7 @@ def is_bag(path: Path) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Topics:
+class TopicChoice:
     """Which topics of a bag are used; None takes the only one that fits.
 
     Attributes:
@@ -85,7 +85,7 @@ class BagTopics:
     """
 
     def __init__(
-        self, reader: "AnyReader", path: Path, topics: Topics, *, whole: bool = True
+        self, reader: "AnyReader", path: Path, topics: TopicChoice, *, whole: bool = True
     ) -> None:
         self._reader = reader
         self._path = path

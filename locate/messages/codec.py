@@ -43,7 +43,7 @@ _DISTORTIONS = {
 }
 
 
-class Header(Protocol):
+class MessageHeader(Protocol):
     """`std_msgs/Header`."""
 
     stamp: Any
@@ -53,7 +53,7 @@ class Header(Protocol):
 class ImageMessage(Protocol):
     """`sensor_msgs/Image`."""
 
-    header: Header
+    header: MessageHeader
     height: int
     width: int
     encoding: str
@@ -65,12 +65,12 @@ class ImageMessage(Protocol):
 class CompressedImageMessage(Protocol):
     """`sensor_msgs/CompressedImage`."""
 
-    header: Header
+    header: MessageHeader
     format: str
     data: Any
 
 
-def stamp_ns(header: Header) -> int:
+def stamp_ns(header: MessageHeader) -> int:
     """When, ns; the fields of ROS 2 and ROS 1 differ in name."""
     stamp = header.stamp
     seconds = stamp.sec if hasattr(stamp, "sec") else stamp.secs

@@ -59,7 +59,7 @@ class Wiring:
         return np.diag(sigmas**2)
 
 
-class Poser:
+class PoseResolver:
     """Says where the camera was, by a robot's messages.
 
     Args:

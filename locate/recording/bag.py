@@ -11,10 +11,10 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from locate.map.plume import PlumeMap
-from locate.messages.bags import BagTopics, Topics, is_bag, opened
+from locate.messages.bags import BagTopics, TopicChoice, is_bag, opened
 from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
 from locate.messages.poses import NS, PoseBuffer, StampedPose, as_trajectory
-from locate.messages.wiring import Poser, Wiring
+from locate.messages.wiring import PoseResolver, Wiring
 from locate.pipeline.config import RunConfig
 from locate.recording import Recording
 from locate.robot.bag_results import write_map
@@ -34,7 +34,7 @@ class BagRecording:
     """
 
     path: Path
-    topics: Topics = field(default_factory=Topics)
+    topics: TopicChoice = field(default_factory=TopicChoice)
     wiring: Wiring = field(default_factory=Wiring)
 
     def recording(self, *, max_side: int) -> Recording:
@@ -92,7 +92,7 @@ class BagRecording:
                 return None
             if camera is None:
                 raise BadInputError(f"{self.path}: holds poses and no camera_info; give --camera")
-            search = _Search(topics.wired(self.wiring))
+            search = _PoseSearch(topics.wired(self.wiring))
             found = {pose.stamp_ns: pose for pose in search.run(topics)}
         if not found:
             why = search.refusal or f"TF does not lead from the images to {self.wiring.world_frame}"
@@ -138,12 +138,12 @@ class BagRecording:
                 yield (stamp - start_ns) / NS, str(stamp), image
 
 
-class _Search:
+class _PoseSearch:
     """Finds the poses of images while a bag is played."""
 
     def __init__(self, wiring: Wiring) -> None:
         self.refusal = ""
-        self._poser = Poser(wiring)
+        self._poser = PoseResolver(wiring)
         self._poses = PoseBuffer()
         self._by_tf = wiring.pose_source == "tf"
         self._pending: list[int] = []
@@ -186,7 +186,7 @@ def bag_of(config: RunConfig) -> BagRecording | None:
             option = f"--{asked[0].replace('_', '-')}"
             raise BadInputError(f"{config.recording}: is no bag; leave {option} out")
         return None
-    topics = Topics(image=config.image_topic, pose=config.pose_topic)
+    topics = TopicChoice(image=config.image_topic, pose=config.pose_topic)
     wiring = Wiring() if config.world_frame is None else Wiring(world_frame=config.world_frame)
     return BagRecording(path=config.recording, topics=topics, wiring=wiring)
 

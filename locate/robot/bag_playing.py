@@ -9,12 +9,12 @@ from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
 from locate.journal.progress import Report, silent
 from locate.map.plume import PlumeMap
-from locate.messages.bags import BagTopics, Topics, opened
+from locate.messages.bags import BagTopics, TopicChoice, opened
 from locate.messages.wiring import Wiring
 from locate.robot.bag_results import write_updates
-from locate.robot.message_adapter import Feeder
-from locate.robot.plume_tracks import Update
-from locate.robot.settings import Settings
+from locate.robot.message_adapter import MessageAdapter
+from locate.robot.plume_tracks import PlumeUpdate
+from locate.robot.settings import LocatorSettings
 
 
 @with_one_blas_thread
@@ -22,9 +22,9 @@ def locate_in_bag(
     path: Path,
     output: Path,
     *,
-    topics: Topics,
+    topics: TopicChoice,
     wiring: Wiring,
-    settings: Settings | None = None,
+    settings: LocatorSettings | None = None,
     detector: Detector | None = None,
     report: Report = silent,
 ) -> PlumeMap:
@@ -44,7 +44,9 @@ def locate_in_bag(
     """
     with opened(path) as reader:
         chosen = BagTopics(reader, path, topics)
-        feeder = Feeder(chosen.wired(wiring), settings=settings, detector=detector, threaded=False)
+        feeder = MessageAdapter(
+            chosen.wired(wiring), settings=settings, detector=detector, threaded=False
+        )
         news = list(_play(chosen, feeder, report))
         if feeder.locator is None or not feeder.locator.counts.key_frames:
             raise BadInputError(f"{path}: nothing could be looked at ({feeder.trouble()})")
@@ -56,7 +58,7 @@ def locate_in_bag(
     return plume_map
 
 
-def _play(topics: BagTopics, feeder: Feeder, report: Report) -> Iterator[Update]:
+def _play(topics: BagTopics, feeder: MessageAdapter, report: Report) -> Iterator[PlumeUpdate]:
     """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
     assert topics.info is not None
     takers: dict[str, Callable[[Any], None]] = {

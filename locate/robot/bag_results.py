@@ -10,15 +10,15 @@ from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from locate.map.plume import PlumeMap
 from locate.messages.bags import is_bag
-from locate.robot.message_builder import Messages
-from locate.robot.plume_tracks import State, Update
-from locate.robot.publisher import Announcer, type_of
+from locate.robot.message_builder import MessageBuilder
+from locate.robot.plume_tracks import PlumeUpdate, TrackState
+from locate.robot.publisher import PlumePublisher, type_of
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 
-def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> Path:
+def write_updates(folder: Path, updates: Sequence[PlumeUpdate], *, frame_id: str) -> Path:
     """Writes a ROS 2 bag of markers, points and sources as MCAP; one that stands is replaced.
 
     Args:
@@ -38,7 +38,7 @@ def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> 
     if folder.exists() and not is_bag(folder):
         raise BadInputError(f"{folder}: is not a bag; remove it or choose another output")
     types = get_typestore(Stores.LATEST)
-    messages = Messages(types.types.__getitem__, frame_id, octets=np.ascontiguousarray)
+    messages = MessageBuilder(types.types.__getitem__, frame_id, octets=np.ascontiguousarray)
     remove_inside(folder.parent, folder.name)
     connections: dict[str, Connection] = {}
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -50,7 +50,7 @@ def write_updates(folder: Path, updates: Sequence[Update], *, frame_id: str) -> 
                 connections[name] = writer.add_connection(topic, kind, typestore=types)
             writer.write(connections[name], stamp_ns, types.serialize_cdr(message, kind))
 
-        announcer = Announcer(messages, write)
+        announcer = PlumePublisher(messages, write)
         for update in updates:
             announcer.tell([update])
     return folder / f"{folder.name}.mcap"
@@ -67,6 +67,7 @@ def write_map(folder: Path, plume_map: PlumeMap, *, frame_id: str, stamp_ns: int
     """
     remove_inside(folder.parent, folder.name)
     updates = [
-        Update(plume=plume, state=State.CONFIRMED, stamp_ns=stamp_ns) for plume in plume_map.plumes
+        PlumeUpdate(plume=plume, state=TrackState.CONFIRMED, stamp_ns=stamp_ns)
+        for plume in plume_map.plumes
     ]
     return write_updates(folder, updates, frame_id=frame_id)

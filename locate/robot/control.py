@@ -5,16 +5,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from locate.robot.message_adapter import Feeder
-from locate.robot.message_builder import Health
-from locate.robot.plume_tracks import State
-from locate.robot.publisher import Announcer
+from locate.robot.message_adapter import MessageAdapter
+from locate.robot.message_builder import NodeHealth
+from locate.robot.plume_tracks import TrackState
+from locate.robot.publisher import PlumePublisher
 
 COMMANDS = ("start", "stop", "save", "reset")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class CommandResult:
     """What became of a command.
 
     Attributes:
@@ -26,7 +26,7 @@ class Answer:
     success: bool = True
 
 
-class Control:
+class NodeControl:
     """Starts and stops a node, saves and forgets what it found, and says how it is doing.
 
     Args:
@@ -37,7 +37,12 @@ class Control:
     """
 
     def __init__(
-        self, feeder: Feeder, announcer: Announcer, *, output: Path, running: bool = True
+        self,
+        feeder: MessageAdapter,
+        announcer: PlumePublisher,
+        *,
+        output: Path,
+        running: bool = True,
     ) -> None:
         self._feeder = feeder
         self._announcer = announcer
@@ -56,7 +61,7 @@ class Control:
 
         return taken
 
-    def command(self, name: str, stamp_ns: int) -> Answer:
+    def command(self, name: str, stamp_ns: int) -> CommandResult:
         """Does one of `COMMANDS`.
 
         Args:
@@ -65,32 +70,32 @@ class Control:
         """
         if name in ("start", "stop"):
             self._running = name == "start"
-            return Answer(message="looking" if self._running else "stopped")
+            return CommandResult(message="looking" if self._running else "stopped")
         if name == "reset":
             self._feeder.reset()
             self._announcer.forget(stamp_ns)
-            return Answer(message="forgotten")
+            return CommandResult(message="forgotten")
         if name == "save":
             return self._save()
-        return Answer(message=f"{name!r} is none of {', '.join(COMMANDS)}", success=False)
+        return CommandResult(message=f"{name!r} is none of {', '.join(COMMANDS)}", success=False)
 
-    def _save(self) -> Answer:
+    def _save(self) -> CommandResult:
         if self._feeder.locator is None:
-            return Answer(message="nothing to save: no camera_info yet", success=False)
+            return CommandResult(message="nothing to save: no camera_info yet", success=False)
         path = self._output.expanduser() / "map.json"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._feeder.locator.plume_map().save(path)
         except OSError as error:
-            return Answer(message=f"{path}: {error.strerror}", success=False)
-        return Answer(message=str(path))
+            return CommandResult(message=f"{path}: {error.strerror}", success=False)
+        return CommandResult(message=str(path))
 
-    def health(self) -> Health:
+    def health(self) -> NodeHealth:
         """What was fed, dropped and refused, and the first thing that is wrong."""
         locator, known = self._feeder.locator, self._announcer.known.values()
         values = {} if locator is None else asdict(locator.counts)
         values |= {f"refused_{name}": count for name, count in self._feeder.refused.items()}
         values["ignored_while_stopped"] = self._ignored
-        values["plumes"] = sum(update.state == State.CONFIRMED for update in known)
+        values["plumes"] = sum(update.state == TrackState.CONFIRMED for update in known)
         trouble = self._feeder.trouble() if self._running else "stopped"
-        return Health(trouble=trouble, values=values)
+        return NodeHealth(trouble=trouble, values=values)

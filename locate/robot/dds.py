@@ -7,19 +7,19 @@ from typing import Any
 
 from detect.detection import Detector
 from locate.messages.wiring import Wiring
-from locate.robot.control import Control
-from locate.robot.dds_transport import Wire
-from locate.robot.message_adapter import Feeder
-from locate.robot.message_builder import Messages
+from locate.robot.control import NodeControl
+from locate.robot.dds_transport import DdsTransport
+from locate.robot.message_adapter import MessageAdapter
+from locate.robot.message_builder import MessageBuilder
 from locate.robot.publisher import (
     HEALTH_TOPIC,
     HEALTH_TYPE,
     MARKERS,
     POINTS,
-    Announcer,
+    PlumePublisher,
     type_of,
 )
-from locate.robot.settings import Settings
+from locate.robot.settings import LocatorSettings
 
 POSE_TYPES = {
     "odometry": "nav_msgs/msg/Odometry",
@@ -76,24 +76,24 @@ class DdsNode:
 
     def __init__(
         self,
-        wire: Wire,
+        wire: DdsTransport,
         wiring: Wiring,
         names: TopicNames,
         *,
-        settings: Settings | None = None,
+        settings: LocatorSettings | None = None,
         detector: Detector | None = None,
         output: Path = OUTPUT,
     ) -> None:
         self._wire, self._out = wire, names.out
-        self.feeder = Feeder(wiring, settings=settings, detector=detector)
+        self.feeder = MessageAdapter(wiring, settings=settings, detector=detector)
         self._senders = {
             name: wire.advertise(f"{names.out}/{name}", type_of(name)) for name in (MARKERS, POINTS)
         }
-        self._messages = Messages(
+        self._messages = MessageBuilder(
             wire.types.types.__getitem__, wiring.world_frame, octets=lambda b: b
         )
-        self.announcer = Announcer(self._messages, self._send)
-        self.control = Control(self.feeder, self.announcer, output=output)
+        self.announcer = PlumePublisher(self._messages, self._send)
+        self.control = NodeControl(self.feeder, self.announcer, output=output)
         self._diagnostics = wire.advertise(HEALTH_TOPIC, HEALTH_TYPE, latched=False)
         self._answer = wire.advertise(f"{names.out}/answer", STRING, latched=False)
         self._diagnosed_s = -DIAGNOSE_S

@@ -40,7 +40,7 @@ def _passing_bytes(idl_struct: Any) -> Any:
     return idl_struct
 
 
-class Wire:
+class DdsTransport:
     """A robot's topics, over DDS.
 
     Args:

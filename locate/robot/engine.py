@@ -14,11 +14,11 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import as_trajectory
 from locate.robot.drift import SharedError
-from locate.robot.fixed_lag_smoother import Follower
-from locate.robot.plume_tracks import Span, State, Tracks, Update, as_column
-from locate.robot.search import Searcher
-from locate.robot.settings import Settings
-from locate.robot.window import EvidenceWindow, FrameWindow, Task
+from locate.robot.fixed_lag_smoother import FixedLagSmoother
+from locate.robot.plume_tracks import PlumeTracks, PlumeUpdate, TrackState, ViewSpan, as_column
+from locate.robot.search import PlumeSearch
+from locate.robot.settings import LocatorSettings
+from locate.robot.window import DetectionTask, EvidenceWindow, FrameWindow
 
 FEWEST_VIEWS = 4
 FEWEST_LOOKS = 3
@@ -28,7 +28,7 @@ BACKGROUND_STEP = 16
 NEW_SHARE = 0.3
 
 
-class Engine:
+class PlumeEngine:
     """The part of a `Locator` that computes.
 
     Some threads may look at frames while another decides; none waits for the other, save at the
@@ -44,19 +44,19 @@ class Engine:
         background_in_world: (N, 3) points of the scene that the window looks at.
     """
 
-    def __init__(self, searcher: Searcher, settings: Settings) -> None:
+    def __init__(self, searcher: PlumeSearch, settings: LocatorSettings) -> None:
         self._searcher = searcher
         self._settings = settings
-        self.tracks = Tracks(independent=not settings.drift)
+        self.tracks = PlumeTracks(independent=not settings.drift)
         self.inverse_depth = 1 / settings.expected_range_m
         self.background_in_world = np.zeros((0, 3))
         self._evidence = EvidenceWindow(most=settings.views_kept)
         self._undecided = 0
         self._window: FrameWindow | None = None
-        self._followers: list[Follower] = []
+        self._followers: list[FixedLagSmoother] = []
         self._adding, self._deciding = threading.Lock(), threading.Lock()
 
-    def look(self, task: Task, detector: Detector) -> list[Update]:
+    def look(self, task: DetectionTask, detector: Detector) -> list[PlumeUpdate]:
         """Looks at a key frame, keeps what it saw, and follows the plumes that are known.
 
         A frame in which the detector finds nothing to measure says nothing. The first frame of
@@ -80,7 +80,7 @@ class Engine:
                 self.inverse_depth = float(np.median(known))
         return news
 
-    def _begin(self, window: FrameWindow) -> list[Update]:
+    def _begin(self, window: FrameWindow) -> list[PlumeUpdate]:
         """Where this window is a new one: decides on what the last left, and begins it."""
         if not self._is_new(window):
             return []
@@ -103,7 +103,7 @@ class Engine:
         enough = max(self._settings.views_a_decision, NEW_SHARE * len(self._evidence))
         return self._undecided >= enough
 
-    def decide(self) -> list[Update]:
+    def decide(self) -> list[PlumeUpdate]:
         """Fuses the window and follows the plumes, where enough views are there and one is new.
 
         Views that came in meanwhile are followed up; of each plume only the latest is said.
@@ -114,7 +114,7 @@ class Engine:
                 self._undecided = 0
             return self._decided(evidence) if undecided and len(evidence) >= FEWEST_VIEWS else []
 
-    def _decided(self, evidence: EvidenceWindow) -> list[Update]:
+    def _decided(self, evidence: EvidenceWindow) -> list[PlumeUpdate]:
         poses, numbers, views = evidence.poses(), evidence.numbers, evidence.views()
         shared = SharedError.of(poses if self._settings.drift else [])
         own = as_trajectory(shared.taken_out(poses), numbers, views.trajectory.camera)
@@ -123,7 +123,7 @@ class Engine:
             return []
         self.background_in_world = views.background_in_world(step=BACKGROUND_STEP)
         followers = self._searcher.search(views, poses, shared)
-        span = Span(
+        span = ViewSpan(
             first=numbers[0], last=numbers[-1], stamp_ns=max(pose.stamp_ns for pose in poses)
         )
         with self._adding:
@@ -138,7 +138,7 @@ class Engine:
             news += [update for number in later for update in self._follow(number)]
             return list({update.plume.id: update for update in news}.values())
 
-    def _follow(self, number: int) -> list[Update]:
+    def _follow(self, number: int) -> list[PlumeUpdate]:
         """What a key frame adds to what is known of the plumes that the last decision found."""
         pose, view = self._evidence.view(number)
         news = []
@@ -148,7 +148,7 @@ class Engine:
                 first, last = follower.span
                 news += self.tracks.update(
                     [_with_shared(plume, follower.shared)],
-                    Span(first=first, last=last, stamp_ns=pose.stamp_ns),
+                    ViewSpan(first=first, last=last, stamp_ns=pose.stamp_ns),
                     unit=follower.unit,
                     looked_at=lambda _plume: False,
                 )
@@ -157,7 +157,7 @@ class Engine:
     @property
     def confirmed(self) -> list[Plume]:
         """The confirmed plumes, strongest evidence first."""
-        plumes = [track.shown for track in self.tracks.all if track.state == State.CONFIRMED]
+        plumes = [track.shown for track in self.tracks.all if track.state == TrackState.CONFIRMED]
         return sorted(plumes, key=lambda plume: -plume.evidence_nats)
 
 

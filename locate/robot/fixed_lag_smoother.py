@@ -26,7 +26,7 @@ LEAST_VARIANCE_SHARE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Glimpse:
+class ViewMeasurement:
     """What one view saw of the axis.
 
     Attributes:
@@ -40,7 +40,7 @@ class Glimpse:
     sightings: AxisSightings
 
 
-class Follower:
+class FixedLagSmoother:
     """Follows one plume from the search that found it until the next.
 
     Args:
@@ -71,13 +71,13 @@ class Follower:
         self._camera = views.trajectory.camera
         self._column = as_column(plume)
         self._height = float(plume.source[2] - self._column[Z])
-        self._glimpses: deque[Glimpse] = deque(maxlen=most)
+        self._glimpses: deque[ViewMeasurement] = deque(maxlen=most)
         seen = sight_axis(views, self._column)
         self._away = int(np.sign(seen.away.sum()))
         for row, pose in enumerate(shared.taken_out(poses)):
             number = int(views.trajectory.indices[row])
             part = _taken(seen, seen.view == row)
-            self._glimpses.append(Glimpse(number=number, pose=pose, sightings=part))
+            self._glimpses.append(ViewMeasurement(number=number, pose=pose, sightings=part))
         first = estimate_axis(views.trajectory, self._column, seen, self.unit, origin=self._height)
         self._sway = None if first is None else first.sway
         self._first = self._estimate()
@@ -94,7 +94,7 @@ class Follower:
         if self._first is None or not len(seen):
             return None
         (own,) = self.shared.taken_out([pose])
-        self._glimpses.append(Glimpse(number=number, pose=own, sightings=seen))
+        self._glimpses.append(ViewMeasurement(number=number, pose=own, sightings=seen))
         now = self._estimate()
         return None if now is None else self._moved(self._first, now)
 

@@ -11,15 +11,15 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.messages.poses import NS, PoseBuffer, StampedPose
 from locate.recording.images import bending
-from locate.robot.settings import Settings
-from locate.robot.window import FrameWindow, KeyFrame
+from locate.robot.settings import LocatorSettings
+from locate.robot.window import FrameWindow, WindowFrame
 
 REWIND_NS = 10 * NS
 LEAST_JUMP_M = 0.5
 
 
 @dataclass(kw_only=True)
-class Counts:
+class LocatorCounts:
     """What became of everything that was fed.
 
     Attributes:
@@ -46,7 +46,7 @@ class Counts:
 
 
 @dataclass(kw_only=True)
-class Lens:
+class FrameRectifier:
     """From the camera's images to the frames that are worked on."""
 
     camera: Camera
@@ -68,7 +68,7 @@ class Lens:
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-class Intake:
+class KeyFrameSelector:
     """Joins images with their poses and keeps those that show something new.
 
     Args:
@@ -82,9 +82,9 @@ class Intake:
         inverse_depth: Typical of the background, 1 / m: parallax is counted by it.
     """
 
-    def __init__(self, camera: Camera, settings: Settings) -> None:
+    def __init__(self, camera: Camera, settings: LocatorSettings) -> None:
         self._settings = settings
-        self.counts = Counts()
+        self.counts = LocatorCounts()
         self.inverse_depth = 1 / settings.expected_range_m
         self._poses = PoseBuffer(max_gap_ns=round(settings.max_pose_gap_s * NS))
         self._images: dict[int, GreyImage] = {}
@@ -99,7 +99,7 @@ class Intake:
 
     def set_camera(self, camera: Camera) -> None:
         """Goes on with another camera, in another window."""
-        self.lens = Lens(camera=camera, width_px=self._settings.width_px)
+        self.lens = FrameRectifier(camera=camera, width_px=self._settings.width_px)
         self._images.clear()
         self._begin_window()
 
@@ -181,7 +181,7 @@ class Intake:
                 self.counts.passed_over += 1
                 return
         self._last_key = pose
-        key = KeyFrame(number=self._number, image=self.lens.frame(image), pose=pose)
+        key = WindowFrame(number=self._number, image=self.lens.frame(image), pose=pose)
         self._number += 1
         self.counts.key_frames += 1
         self.counts.dropped += self.frames.add(key)

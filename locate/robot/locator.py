@@ -18,14 +18,14 @@ from geometry.camera import Camera
 from locate import __version__
 from locate.map.plume import PlumeMap
 from locate.messages.poses import UNKNOWN, StampedPose
-from locate.robot.engine import Engine
-from locate.robot.keyframe_selector import Counts, Intake
-from locate.robot.next_view import Suggestion, rank
-from locate.robot.plume_tracks import State, Update
-from locate.robot.search import Search, Searcher
-from locate.robot.settings import Settings
-from locate.robot.window import Task
-from locate.robot.worker import AVAILABLE, LEARNED, DetectorApart, SearchApart
+from locate.robot.engine import PlumeEngine
+from locate.robot.keyframe_selector import KeyFrameSelector, LocatorCounts
+from locate.robot.next_view import ViewSuggestion, rank
+from locate.robot.plume_tracks import PlumeUpdate, TrackState
+from locate.robot.search import LocalPlumeSearch, PlumeSearch
+from locate.robot.settings import LocatorSettings
+from locate.robot.window import DetectionTask
+from locate.robot.worker import AVAILABLE, LEARNED, DetectorWorker, PlumeSearchWorker
 
 MOST_NEWS = 1024
 AT_LEAST_EVERY_S = 5.0
@@ -52,20 +52,20 @@ class Locator:
         self,
         camera: Camera,
         *,
-        settings: Settings | None = None,
+        settings: LocatorSettings | None = None,
         detector: Detector | None = None,
         threaded: bool = True,
     ) -> None:
-        self.settings = settings or Settings()
+        self.settings = settings or LocatorSettings()
         neighbours = self.settings.neighbours
         self._detector = detector or make_detector(LEARNED, neighbours=neighbours)
         processes = threaded and AVAILABLE
         more = self.settings.lookers - 1 if processes and detector is None else 0
-        self._helpers = [DetectorApart(self._detector, neighbours) for _ in range(more)]
-        self._searcher: Searcher = (SearchApart if processes else Search)(
+        self._helpers = [DetectorWorker(self._detector, neighbours) for _ in range(more)]
+        self._searcher: PlumeSearch = (PlumeSearchWorker if processes else LocalPlumeSearch)(
             self._detector.name, self.settings
         )
-        self._outbox: deque[Update] = deque(maxlen=MOST_NEWS)
+        self._outbox: deque[PlumeUpdate] = deque(maxlen=MOST_NEWS)
         self._changed = threading.Condition()
         self._looking = 0
         self._deciding = self._pausing = self._ending = self._closing = False
@@ -86,7 +86,7 @@ class Locator:
         world_from_cam: FloatArray,
         covariance: FloatArray | None,
         stamp_ns: int,
-    ) -> list[Update]:
+    ) -> list[PlumeUpdate]:
         """Takes an image with its pose.
 
         Args:
@@ -130,18 +130,18 @@ class Locator:
         self._work_here()
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> LocatorCounts:
         """What became of everything that was fed."""
         return self._intake.counts
 
-    def updates(self) -> list[Update]:
+    def updates(self) -> list[PlumeUpdate]:
         """What has become known since the last call."""
         with self._changed:
             news = list(self._outbox)
             self._outbox.clear()
         return news
 
-    def finish(self, timeout_s: float | None = None) -> list[Update]:
+    def finish(self, timeout_s: float | None = None) -> list[PlumeUpdate]:
         """Looks at all frames that still wait, decides, and returns what is new.
 
         Args:
@@ -170,14 +170,14 @@ class Locator:
             plumes=tuple(self._engine.confirmed),
         )
 
-    def suggest(self, poses: Sequence[FloatArray]) -> list[Suggestion]:
+    def suggest(self, poses: Sequence[FloatArray]) -> list[ViewSuggestion]:
         """From where to look next, best first; see `locate.robot.next_view`.
 
         Args:
             poses: (4, 4) world_from_cam each, those that the robot can reach.
         """
         engine = self._engine
-        plumes = [track.shown for track in engine.tracks.all if track.state is not State.LOST]
+        plumes = [track.shown for track in engine.tracks.all if track.state is not TrackState.LOST]
         return rank(plumes, engine.background_in_world, self._intake.lens.pinhole, poses)
 
     def set_camera(self, camera: Camera) -> None:
@@ -218,13 +218,13 @@ class Locator:
         self.close()
 
     def _begin(self, camera: Camera) -> None:
-        self._intake = Intake(camera, self.settings)
-        self._engine = Engine(self._searcher, self.settings)
+        self._intake = KeyFrameSelector(camera, self.settings)
+        self._engine = PlumeEngine(self._searcher, self.settings)
 
     def _idle(self) -> bool:
         return not self._looking and not self._deciding and not self._intake.frames.waiting
 
-    def _take(self) -> Task | None:
+    def _take(self) -> DetectionTask | None:
         if self._pausing:
             return None
         return self._intake.frames.take(
@@ -268,7 +268,7 @@ class Locator:
             if self._engine.due:
                 self._decide()
 
-    def _look(self, task: Task, detector: Detector) -> None:
+    def _look(self, task: DetectionTask, detector: Detector) -> None:
         news = self._guarded(lambda: self._engine.look(task, detector))
         with self._changed:
             self.counts.looked_at += 1
@@ -284,7 +284,7 @@ class Locator:
             self._deciding = False
             self._changed.notify_all()
 
-    def _guarded(self, work: Callable[[], list[Update]]) -> list[Update]:
+    def _guarded(self, work: Callable[[], list[PlumeUpdate]]) -> list[PlumeUpdate]:
         """Does the work; one frame's failure must not stop a robot."""
         try:
             return work()

@@ -9,20 +9,20 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
 from locate.map.plume import Plume
-from locate.robot.plume_tracks import State, Update
+from locate.robot.plume_tracks import PlumeUpdate, TrackState
 
 TEXT_BYTES = 50
 ABOVE_SOURCE_M = 10.0
 LOITER_RADIUS_M = 40.0
 
 
-def status_text(update: Update) -> Any:
+def status_text(update: PlumeUpdate) -> Any:
     """STATUSTEXT: one line for the pilot."""
     plume = update.plume
     text = f"plume {plume.id} {update.state}: {plume.principal_sigmas[0]:.2g} m"
     severity = (
         mavlink.MAV_SEVERITY_WARNING
-        if update.state == State.CONFIRMED
+        if update.state == TrackState.CONFIRMED
         else mavlink.MAV_SEVERITY_INFO
     )
     return mavlink.MAVLink_statustext_message(severity, text.encode()[:TEXT_BYTES])

@@ -9,14 +9,14 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
 from locate.messages.transforms import TransformTree
-from locate.messages.wiring import Poser, Wiring
+from locate.messages.wiring import PoseResolver, Wiring
 from locate.robot.locator import Locator
-from locate.robot.settings import Settings
+from locate.robot.settings import LocatorSettings
 
 MOST_PENDING = 120
 
 
-class Feeder:
+class MessageAdapter:
     """Feeds a `Locator`, which begins with the first camera_info; bad messages are counted.
 
     Args:
@@ -37,7 +37,7 @@ class Feeder:
         self,
         wiring: Wiring,
         *,
-        settings: Settings | None = None,
+        settings: LocatorSettings | None = None,
         detector: Detector | None = None,
         threaded: bool = True,
         on_refusal: Callable[[str], object] = str,
@@ -47,7 +47,7 @@ class Feeder:
         self.refused: Counter[str] = Counter()
         self.last_refusal = ""
         self._wiring = wiring
-        self._poser = Poser(wiring)
+        self._poser = PoseResolver(wiring)
         self._settings = settings
         self._detector = detector
         self._threaded = threaded

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from locate.map.plume import Plume
 from locate.messages.poses import NS
-from locate.robot.plume_tracks import State, Update
+from locate.robot.plume_tracks import PlumeUpdate, TrackState
 
 MARKED_SIGMAS = 2.0
 LEAST_MARK_M = 0.02
@@ -23,16 +23,16 @@ OK, WARN = 0, 1
 FLOAT32, UINT32 = 7, 6
 POINT_FIELDS = (("x", FLOAT32), ("y", FLOAT32), ("z", FLOAT32), ("probability", FLOAT32))
 COLOURS = {
-    State.CONFIRMED: (0.84, 0.15, 0.16),
-    State.CANDIDATE: (0.95, 0.75, 0.10),
-    State.LOST: (0.55, 0.55, 0.55),
+    TrackState.CONFIRMED: (0.84, 0.15, 0.16),
+    TrackState.CANDIDATE: (0.95, 0.75, 0.10),
+    TrackState.LOST: (0.55, 0.55, 0.55),
 }
 
-Point = tuple[float, float, float]
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Health:
+class NodeHealth:
     """How a node is doing.
 
     Attributes:
@@ -44,7 +44,7 @@ class Health:
     values: dict[str, int]
 
 
-class Messages:
+class MessageBuilder:
     """Builds messages of one transport.
 
     Args:
@@ -75,7 +75,7 @@ class Messages:
         )
         return self._class_of("std_msgs/msg/Header")(stamp=stamp, frame_id=self._frame_id)
 
-    def source(self, update: Update) -> Any:
+    def source(self, update: PlumeUpdate) -> Any:
         """`PoseWithCovarianceStamped`: the source; its orientation says nothing."""
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = update.plume.source_covariance
@@ -87,7 +87,7 @@ class Messages:
             header=self.header(update.stamp_ns), pose=pose
         )
 
-    def health(self, name: str, health: Health, stamp_ns: int) -> Any:
+    def health(self, name: str, health: NodeHealth, stamp_ns: int) -> Any:
         """`DiagnosticArray` of one node's health."""
         pair = self._class_of("diagnostic_msgs/msg/KeyValue")
         status = self._class_of("diagnostic_msgs/msg/DiagnosticStatus")(
@@ -100,7 +100,7 @@ class Messages:
         array = self._class_of("diagnostic_msgs/msg/DiagnosticArray")
         return array(header=self.header(stamp_ns), status=[status])
 
-    def markers(self, updates: Iterable[Update], stamp_ns: int) -> Any:
+    def markers(self, updates: Iterable[PlumeUpdate], stamp_ns: int) -> Any:
         """`MarkerArray` of all plumes: the source's 2-sigma ellipsoid, the axis, and a label.
 
         It begins by deleting what was shown before, so the latest one alone is the whole picture.
@@ -110,7 +110,7 @@ class Messages:
             marks += self._marks(update, stamp_ns)
         return self._class_of("visualization_msgs/msg/MarkerArray")(markers=marks)
 
-    def _marks(self, update: Update, stamp_ns: int) -> list[Any]:
+    def _marks(self, update: PlumeUpdate, stamp_ns: int) -> list[Any]:
         plume, colour = update.plume, COLOURS[update.state]
         variances, axes = np.linalg.eigh(plume.source_covariance)
         axes[:, 0] *= np.sign(np.linalg.det(axes))
@@ -150,9 +150,9 @@ class Messages:
             ),
         ]
 
-    def cloud(self, updates: Iterable[Update], stamp_ns: int) -> Any:
+    def cloud(self, updates: Iterable[PlumeUpdate], stamp_ns: int) -> Any:
         """`PointCloud2` of the plumes' outlines: x, y, z, probability and plume (its id)."""
-        rows = [_outline(update.plume) for update in updates if update.state != State.LOST]
+        rows = [_outline(update.plume) for update in updates if update.state != TrackState.LOST]
         points = np.concatenate(rows) if rows else np.zeros(0, _POINT)
         field = self._class_of("sensor_msgs/msg/PointField")
         fields = [
@@ -193,7 +193,7 @@ class Messages:
         action: int = ADD,
         pose: Any = None,
         points: list[Any] | None = None,
-        scale: Point = (0.0, 0.0, 0.0),
+        scale: Triple = (0.0, 0.0, 0.0),
         colour: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
         text: str = "",
     ) -> Any:

@@ -24,7 +24,7 @@ CELLS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Suggestion:
+class ViewSuggestion:
     """What a look from one pose would bring.
 
     Attributes:
@@ -45,7 +45,7 @@ def rank(
     background_in_world: FloatArray,
     camera: Camera,
     poses: Sequence[FloatArray],
-) -> list[Suggestion]:
+) -> list[ViewSuggestion]:
     """The poses, best first.
 
     Args:
@@ -67,7 +67,7 @@ def _suggestion(
     background_in_world: FloatArray,
     camera: Camera,
     world_from_cam: FloatArray,
-) -> Suggestion:
+) -> ViewSuggestion:
     cam_from_world = np.asarray(np.linalg.inv(world_from_cam), dtype=float)
     background = _moved(cam_from_world, background_in_world)
     gains, after, shown = [0.0], [0.0], [0.0]
@@ -78,7 +78,7 @@ def _suggestion(
         gains.append(_radius(plume.source_covariance) - _radius(expected))
         after.append(_radius(expected))
         shown.append(displacement_px)
-    return Suggestion(
+    return ViewSuggestion(
         index=index,
         gain_m=sum(gains),
         sigma_m=max(after),

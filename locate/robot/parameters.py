@@ -3,7 +3,7 @@
 from dataclasses import fields
 from typing import Any, get_type_hints
 
-from locate.robot.settings import Settings
+from locate.robot.settings import LocatorSettings
 
 _OF_THE_NODE: dict[str, tuple[Any, str]] = {
     "world_frame": ("map", "Frame of the map, Z up: map, or odom where there is no map."),
@@ -20,9 +20,9 @@ _OF_THE_NODE: dict[str, tuple[Any, str]] = {
 
 
 def _of_settings() -> dict[str, tuple[Any, str]]:
-    """Those of `Settings`, with the words of their annotations."""
-    words = get_type_hints(Settings, include_extras=True)
-    return {f.name: (f.default, words[f.name].__metadata__[0]) for f in fields(Settings)}
+    """Those of `LocatorSettings`, with the words of their annotations."""
+    words = get_type_hints(LocatorSettings, include_extras=True)
+    return {f.name: (f.default, words[f.name].__metadata__[0]) for f in fields(LocatorSettings)}
 
 
 PARAMETERS = _OF_THE_NODE | _of_settings()

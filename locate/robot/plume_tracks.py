@@ -17,7 +17,7 @@ MOST_TRACKS = 256
 INCONSISTENT = 16.3  # chi-square of 3 degrees of freedom, 0.1 %
 
 
-class State(StrEnum):
+class TrackState(StrEnum):
     """How sure a plume is."""
 
     CANDIDATE = "candidate"
@@ -26,7 +26,7 @@ class State(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Update:
+class PlumeUpdate:
     """What is now known of one plume.
 
     Attributes:
@@ -37,12 +37,12 @@ class Update:
     """
 
     plume: Plume
-    state: State
+    state: TrackState
     stamp_ns: int
 
 
 @dataclass(frozen=True, kw_only=True)
-class Track:
+class PlumeTrack:
     """One plume over time.
 
     Attributes:
@@ -55,7 +55,7 @@ class Track:
     """
 
     shown: Plume
-    state: State
+    state: TrackState
     settled: Plume
     since: int
     until: int
@@ -63,7 +63,7 @@ class Track:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Span:
+class ViewSpan:
     """The views behind a decision: numbers of the first and last key frame, latest stamp."""
 
     first: int
@@ -71,7 +71,7 @@ class Span:
     stamp_ns: int
 
 
-class Tracks:
+class PlumeTracks:
     """All plumes so far, at most `MOST_TRACKS`.
 
     Args:
@@ -81,22 +81,22 @@ class Tracks:
 
     def __init__(self, *, independent: bool) -> None:
         self._independent = independent
-        self._tracks: dict[int, Track] = {}
+        self._tracks: dict[int, PlumeTrack] = {}
         self._next_id = 1
 
     @property
-    def all(self) -> list[Track]:
+    def all(self) -> list[PlumeTrack]:
         """The tracks, by id."""
         return list(self._tracks.values())
 
     def update(
         self,
         found: Sequence[Plume],
-        span: Span,
+        span: ViewSpan,
         *,
         unit: float,
         looked_at: Callable[[Plume], bool],
-    ) -> list[Update]:
+    ) -> list[PlumeUpdate]:
         """Takes the outcome of one decision.
 
         Args:
@@ -108,7 +108,9 @@ class Tracks:
         Returns:
             One update for every plume that was found, or is lost as of now.
         """
-        free = dict(sorted(self._tracks.items(), key=lambda item: item[1].state != State.CONFIRMED))
+        free = dict(
+            sorted(self._tracks.items(), key=lambda item: item[1].state != TrackState.CONFIRMED)
+        )
         touched = []
         for plume in found:
             number = next((n for n, track in free.items() if same(track.shown, plume, unit)), None)
@@ -129,22 +131,22 @@ class Tracks:
         for number, track in self._tracks.items():
             self._tracks[number] = replace(track, settled=track.shown, until=-1)
 
-    def _seen(self, track: Track, plume: Plume, span: Span) -> Track:
+    def _seen(self, track: PlumeTrack, plume: Plume, span: ViewSpan) -> PlumeTrack:
         """The track with what the window says now; no view counts twice.
 
         While the window only grows, its estimate replaces the settled one. Once it slides, the
         surer of the two is shown, until they have no view in common and are joined.
         """
         plume = replace(plume, id=track.shown.id)
-        sure = track.state == State.CONFIRMED or plume.probability >= CONFIRMED_PROBABILITY
-        state = State.CONFIRMED if sure else State.CANDIDATE
+        sure = track.state == TrackState.CONFIRMED or plume.probability >= CONFIRMED_PROBABILITY
+        state = TrackState.CONFIRMED if sure else TrackState.CANDIDATE
         if track.since < span.first <= track.until:
             shown = _surer(plume, track.settled)
             return replace(track, shown=shown, state=state, misses=0)
         since = span.first
         if span.first > track.until:
             plume, since = self._joined(track.settled, plume), track.since
-        return Track(shown=plume, state=state, settled=plume, since=since, until=span.last)
+        return PlumeTrack(shown=plume, state=state, settled=plume, since=since, until=span.last)
 
     def _joined(self, settled: Plume, plume: Plume) -> Plume:
         if not consistent(settled, plume):
@@ -165,32 +167,32 @@ class Tracks:
     def _missed(self, number: int, looked_at: Callable[[Plume], bool]) -> bool:
         """Counts a miss; True where it makes the plume lost."""
         track = self._tracks[number]
-        if track.state == State.LOST or not looked_at(track.shown):
+        if track.state == TrackState.LOST or not looked_at(track.shown):
             return False
         misses = track.misses + 1
         lost = misses > MISSES_ALLOWED
-        state = State.LOST if lost else track.state
+        state = TrackState.LOST if lost else track.state
         self._tracks[number] = replace(track, misses=misses, state=state)
         return lost
 
-    def _update(self, number: int, stamp_ns: int) -> Update:
+    def _update(self, number: int, stamp_ns: int) -> PlumeUpdate:
         track = self._tracks[number]
-        return Update(plume=track.shown, state=track.state, stamp_ns=stamp_ns)
+        return PlumeUpdate(plume=track.shown, state=track.state, stamp_ns=stamp_ns)
 
     def _forget(self) -> None:
         """Lets the least certain go, the oldest first, where there are too many."""
         surplus = len(self._tracks) - MOST_TRACKS
-        rank = [State.LOST, State.CANDIDATE, State.CONFIRMED].index
+        rank = [TrackState.LOST, TrackState.CANDIDATE, TrackState.CONFIRMED].index
         by_worth = sorted(self._tracks, key=lambda number: rank(self._tracks[number].state))
         for number in by_worth[: max(surplus, 0)]:
             del self._tracks[number]
 
 
-def _begun(plume: Plume, span: Span) -> Track:
+def _begun(plume: Plume, span: ViewSpan) -> PlumeTrack:
     sure = plume.probability >= CONFIRMED_PROBABILITY
-    return Track(
+    return PlumeTrack(
         shown=plume,
-        state=State.CONFIRMED if sure else State.CANDIDATE,
+        state=TrackState.CONFIRMED if sure else TrackState.CANDIDATE,
         settled=plume,
         since=span.first,
         until=span.last,
@@ -224,10 +226,12 @@ def consistent(a: Plume, b: Plume) -> bool:
     return float(difference @ np.linalg.solve(spread, difference)) < INCONSISTENT
 
 
-Estimate = tuple[FloatArray, FloatArray]
+PositionEstimate = tuple[FloatArray, FloatArray]
 
 
-def joined_estimate(a: Estimate, b: Estimate, *, independent: bool) -> Estimate:
+def joined_estimate(
+    a: PositionEstimate, b: PositionEstimate, *, independent: bool
+) -> PositionEstimate:
     """One position of two, each a (3,) mean and a (3, 3) covariance.
 
     Independent ones add their information. Otherwise covariance intersection holds whatever they
@@ -236,7 +240,7 @@ def joined_estimate(a: Estimate, b: Estimate, *, independent: bool) -> Estimate:
     """
     information_a, information_b = np.linalg.inv(a[1]), np.linalg.inv(b[1])
 
-    def mixed(weight: float) -> Estimate:
+    def mixed(weight: float) -> PositionEstimate:
         first, second = (1.0, 1.0) if independent else (weight, 1 - weight)
         covariance = np.linalg.inv(first * information_a + second * information_b)
         mean = covariance @ (first * information_a @ a[0] + second * information_b @ b[0])

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from locate.robot.message_builder import Messages
-from locate.robot.plume_tracks import State, Update
+from locate.robot.message_builder import MessageBuilder
+from locate.robot.plume_tracks import PlumeUpdate, TrackState
 
 MARKERS, POINTS = "markers", "points"
 TYPES = {
@@ -14,7 +14,7 @@ TYPES = {
 HEALTH_TOPIC, HEALTH_TYPE = "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
 LEAK_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
-Send = Callable[[str, Any, int], object]
+SendMessage = Callable[[str, Any, int], object]
 
 
 def type_of(name: str) -> str:
@@ -22,7 +22,7 @@ def type_of(name: str) -> str:
     return TYPES.get(name, LEAK_TYPE)
 
 
-class Announcer:
+class PlumePublisher:
     """Keeps the latest of every plume, and tells it.
 
     Args:
@@ -33,12 +33,12 @@ class Announcer:
         known: The latest of every plume, by id.
     """
 
-    def __init__(self, messages: Messages, send: Send) -> None:
-        self.known: dict[int, Update] = {}
+    def __init__(self, messages: MessageBuilder, send: SendMessage) -> None:
+        self.known: dict[int, PlumeUpdate] = {}
         self._messages = messages
         self._send = send
 
-    def tell(self, news: Sequence[Update]) -> None:
+    def tell(self, news: Sequence[PlumeUpdate]) -> None:
         """Tells what has become known, if anything has: the whole picture, and each leak."""
         if not news:
             return
@@ -46,7 +46,7 @@ class Announcer:
         self.known |= latest
         self.tell_all(max(update.stamp_ns for update in news))
         for number, update in latest.items():
-            if update.state == State.CONFIRMED:
+            if update.state == TrackState.CONFIRMED:
                 self._send(f"leak_{number}", self._messages.source(update), update.stamp_ns)
 
     def tell_all(self, stamp_ns: int) -> None:

@@ -8,19 +8,19 @@ from typing import Any
 from detect.detection import Detector
 from geometry.errors import BadInputError
 from locate.messages.wiring import Wiring
-from locate.robot.control import COMMANDS, Control
-from locate.robot.message_adapter import Feeder
-from locate.robot.message_builder import Messages
+from locate.robot.control import COMMANDS, NodeControl
+from locate.robot.message_adapter import MessageAdapter
+from locate.robot.message_builder import MessageBuilder
 from locate.robot.parameters import PARAMETERS
 from locate.robot.publisher import (
     HEALTH_TOPIC,
     HEALTH_TYPE,
     MARKERS,
     POINTS,
-    Announcer,
+    PlumePublisher,
     type_of,
 )
-from locate.robot.settings import Settings
+from locate.robot.settings import LocatorSettings
 
 NODE_NAME = "locate"
 WARN_EVERY_S = 5.0
@@ -49,17 +49,17 @@ class LocateNode:
         self.node = node
         self._declare()
         self._wiring = Wiring(**self._fields_of(Wiring))
-        self.feeder = Feeder(
+        self.feeder = MessageAdapter(
             self._wiring,
-            settings=Settings(**self._fields_of(Settings)),
+            settings=LocatorSettings(**self._fields_of(LocatorSettings)),
             detector=detector,
             on_refusal=self._warn,
         )
-        self._messages = Messages(
+        self._messages = MessageBuilder(
             ros_class, self._wiring.world_frame, octets=bytes, octet=lambda value: bytes([value])
         )
-        self.announcer = Announcer(self._messages, self._send)
-        self.control = Control(
+        self.announcer = PlumePublisher(self._messages, self._send)
+        self.control = NodeControl(
             self.feeder,
             self.announcer,
             output=Path(str(self._parameter("output"))),
@@ -83,7 +83,7 @@ class LocateNode:
     def _parameter(self, name: str) -> Any:
         return self.node.get_parameter(name).value
 
-    def _fields_of(self, kind: type[Wiring] | type[Settings]) -> dict[str, Any]:
+    def _fields_of(self, kind: type[Wiring] | type[LocatorSettings]) -> dict[str, Any]:
         """The parameters that are named as the fields of a dataclass."""
         return {field.name: self._parameter(field.name) for field in fields(kind)}
 

@@ -15,20 +15,20 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.fixed_lag_smoother import Follower
-from locate.robot.settings import Settings
+from locate.robot.fixed_lag_smoother import FixedLagSmoother
+from locate.robot.settings import LocatorSettings
 
 CANDIDATE_FALSE_ALARM = 0.3
 NULL_GROWTH = 2.0
 NOTHING_BY_CHANCE = NullLevel(strongest=np.zeros(0), location=0.0, scale=1.0)
 
 
-class Searcher(Protocol):
+class PlumeSearch(Protocol):
     """Finds the plumes of one window after the other."""
 
     def search(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
-    ) -> list[Follower]:
+    ) -> list[FixedLagSmoother]:
         """The plumes of a window, strongest first, ready to be followed.
 
         Args:
@@ -47,15 +47,15 @@ class Searcher(Protocol):
         ...
 
 
-class Search:
-    """A `Searcher` that works where it is called.
+class LocalPlumeSearch:
+    """A `PlumeSearch` that works where it is called.
 
     Args:
         detector: Name of the one that the evidence is from.
         settings: How much is kept, and how much is drawn.
     """
 
-    def __init__(self, detector: str, settings: Settings) -> None:
+    def __init__(self, detector: str, settings: LocatorSettings) -> None:
         self._detector = detector
         self._settings = settings
         self._rng = np.random.default_rng(settings.seed)
@@ -64,13 +64,16 @@ class Search:
     @with_one_blas_thread
     def search(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
-    ) -> list[Follower]:
-        """See `Searcher`."""
+    ) -> list[FixedLagSmoother]:
+        """See `PlumeSearch`."""
         most = self._settings.views_kept
-        return [Follower(plume, views, poses, shared, most=most) for plume in self._plumes(views)]
+        return [
+            FixedLagSmoother(plume, views, poses, shared, most=most)
+            for plume in self._plumes(views)
+        ]
 
     def forget(self) -> None:
-        """See `Searcher`."""
+        """See `PlumeSearch`."""
         self._null.clear()
 
     def close(self) -> None:

@@ -7,7 +7,7 @@ from geometry.errors import BadInputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
+class LocatorSettings:
     """What a robot's builder may want to change; every bound holds the memory constant.
 
     The annotation of an attribute says what it is; the ROS 2 node shows the same words.

@@ -15,7 +15,7 @@ from locate.messages.poses import StampedPose, as_trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeyFrame:
+class WindowFrame:
     """A frame that is looked at.
 
     Attributes:
@@ -30,7 +30,7 @@ class KeyFrame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class DetectionTask:
     """One key frame to look at, with the frames around it.
 
     Attributes:
@@ -41,7 +41,7 @@ class Task:
     """
 
     window: "FrameWindow"
-    key: KeyFrame
+    key: WindowFrame
     frames: Frames
     row: int
 
@@ -65,13 +65,13 @@ class FrameWindow:
         self.camera = camera
         self.first = first
         self._lag = lag
-        self._keys: deque[KeyFrame] = deque(maxlen=most)
+        self._keys: deque[WindowFrame] = deque(maxlen=most)
         self._waiting: set[int] = set()
 
     def __len__(self) -> int:
         return len(self._keys)
 
-    def add(self, key: KeyFrame) -> bool:
+    def add(self, key: WindowFrame) -> bool:
         """Takes the next key frame; True where the one it pushes out was never looked at."""
         full = len(self._keys) == self._keys.maxlen
         lost = full and self._keys[0].number in self._waiting
@@ -81,7 +81,7 @@ class FrameWindow:
         self._waiting.add(key.number)
         return lost
 
-    def take(self, *, newest: bool, ending: bool = False) -> Task | None:
+    def take(self, *, newest: bool, ending: bool = False) -> DetectionTask | None:
         """The next frame to look at, which then counts as looked at; None where none is ready.
 
         Args:
@@ -100,7 +100,7 @@ class FrameWindow:
             [key.pose for key in keys], [key.number for key in keys], self.camera
         )
         frames = Frames(images=[key.image for key in keys], trajectory=trajectory)
-        return Task(window=self, key=keys[row], frames=frames, row=row)
+        return DetectionTask(window=self, key=keys[row], frames=frames, row=row)
 
     @property
     def waiting(self) -> int:
@@ -137,7 +137,7 @@ class EvidenceWindow:
         """Forgets every view."""
         self._views.clear()
 
-    def add(self, task: Task, detection: Detection) -> None:
+    def add(self, task: DetectionTask, detection: Detection) -> None:
         """Takes what a detector said of a key frame; the earliest view goes where it is full."""
         key = task.key
         trajectory = as_trajectory([key.pose], [key.number], task.window.camera)

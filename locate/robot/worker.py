@@ -23,9 +23,9 @@ from geometry.threads import with_one_blas_thread
 from locate.fusion.views import Views
 from locate.messages.poses import StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.fixed_lag_smoother import Follower
-from locate.robot.search import Search
-from locate.robot.settings import Settings
+from locate.robot.fixed_lag_smoother import FixedLagSmoother
+from locate.robot.search import LocalPlumeSearch
+from locate.robot.settings import LocatorSettings
 
 ASKED, TOLD = True, False
 AVAILABLE = os.name == "posix" and bool(sys.executable)
@@ -33,7 +33,7 @@ LEARNED = "registered"
 PROGRAM = f"from {__name__} import main; main()"
 
 
-class Apart:
+class SubprocessWorker:
     """An object in a process of its own; where that dies, another is begun.
 
     Args:
@@ -88,33 +88,33 @@ class Apart:
         self._pipe.send(self._making)
 
 
-class SearchApart:
-    """A `locate.robot.search.Searcher` in another process.
+class PlumeSearchWorker:
+    """A `locate.robot.search.PlumeSearch` in another process.
 
     Args:
-        detector: As of `Search`.
-        settings: As of `Search`.
+        detector: As of `LocalPlumeSearch`.
+        settings: As of `LocalPlumeSearch`.
     """
 
-    def __init__(self, detector: str, settings: Settings) -> None:
-        self._search = Apart(Search, detector, settings)
+    def __init__(self, detector: str, settings: LocatorSettings) -> None:
+        self._search = SubprocessWorker(LocalPlumeSearch, detector, settings)
 
     def search(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
-    ) -> list[Follower]:
-        """See `Searcher`; raises as `Apart.ask`."""
+    ) -> list[FixedLagSmoother]:
+        """See `PlumeSearch`; raises as `SubprocessWorker.ask`."""
         return list(self._search.ask("search", views, poses, shared))
 
     def forget(self) -> None:
-        """See `Searcher`."""
+        """See `PlumeSearch`."""
         self._search.tell("forget")
 
     def close(self) -> None:
-        """See `Searcher`."""
+        """See `PlumeSearch`."""
         self._search.close()
 
 
-class DetectorApart:
+class DetectorWorker:
     """The learned detector in another process; see `detect.detection.Detector`.
 
     Args:
@@ -128,10 +128,10 @@ class DetectorApart:
 
     def __init__(self, like: Detector, neighbours: int) -> None:
         self.name, self.response = like.name, like.response
-        self._detector = Apart(make_detector, LEARNED, neighbours=neighbours)
+        self._detector = SubprocessWorker(make_detector, LEARNED, neighbours=neighbours)
 
     def detect(self, frames: Frames, index: int) -> Detection:
-        """See `Detector`; raises as `Apart.ask`."""
+        """See `Detector`; raises as `SubprocessWorker.ask`."""
         found: Detection = self._detector.ask("detect", frames, index)
         return found
 

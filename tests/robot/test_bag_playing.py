@@ -15,15 +15,15 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from geometry.errors import BadInputError
 from locate.fusion.views import Views
 from locate.map.plume import PlumeMap
-from locate.messages.bags import Topics, is_bag
+from locate.messages.bags import TopicChoice, is_bag
 from locate.messages.poses import NS
 from locate.messages.wiring import Wiring
-from locate.robot import Settings
+from locate.robot import LocatorSettings
 from locate.robot.bag_playing import locate_in_bag
 from locate.simulation.evidence import Truth
 from tests.robot.drive import Oracle, moments
 
-UNDECIDED = Settings(lag=1, views_kept=16, null_draws=2, drift=False, views_a_decision=1000)
+UNDECIDED = LocatorSettings(lag=1, views_kept=16, null_draws=2, drift=False, views_a_decision=1000)
 MOUNT = np.eye(4)
 MOUNT[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
 MOUNT[:3, 3] = [0.3, 0.0, 0.5]
@@ -33,7 +33,7 @@ MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 Message = tuple[str, int, Any]
 
 
-class Recorder:
+class MessageRecorder:
     """The messages of a drive, of ROS 2 or ROS 1."""
 
     def __init__(self, store: Stores) -> None:
@@ -128,7 +128,7 @@ class Recorder:
 
 
 def write_2(path: Path, views: Views, plugin: StoragePlugin) -> Path:
-    recorder = Recorder(Stores.ROS2_JAZZY)
+    recorder = MessageRecorder(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         connections = {}
         for topic, time_ns, message in recorder.drive(views):
@@ -142,7 +142,7 @@ def write_2(path: Path, views: Views, plugin: StoragePlugin) -> Path:
 
 
 def write_1(path: Path, views: Views) -> Path:
-    recorder = Recorder(Stores.ROS1_NOETIC)
+    recorder = MessageRecorder(Stores.ROS1_NOETIC)
     with Writer1(path) as writer:
         connections = {}
         for topic, time_ns, message in recorder.drive(views):
@@ -187,7 +187,7 @@ def test_bags_of_every_kind_are_played(kind: str, some: Views, tmp_path: Path) -
     locate_in_bag(
         path,
         tmp_path / "out",
-        topics=Topics(),
+        topics=TopicChoice(),
         wiring=Wiring(),
         settings=UNDECIDED,
         detector=oracle,
@@ -203,7 +203,12 @@ def test_results_are_a_bag_that_other_readers_open(
     wiring = Wiring()
     for _ in range(2):
         plume_map = locate_in_bag(
-            path, output, topics=Topics(), wiring=wiring, settings=UNDECIDED, detector=Oracle(views)
+            path,
+            output,
+            topics=TopicChoice(),
+            wiring=wiring,
+            settings=UNDECIDED,
+            detector=Oracle(views),
         )
     (plume,) = plume_map.plumes
     assert PlumeMap.load(output / "map.json").plumes[0].source.tolist() == plume.source.tolist()
@@ -225,13 +230,13 @@ def test_results_are_a_bag_that_other_readers_open(
 @pytest.mark.parametrize(
     ("topics", "part"),
     [
-        (Topics(image="/no"), "/camera/image_raw"),
-        (Topics(camera_info="/no"), "/camera/camera_info"),
-        (Topics(pose="/odom"), "holds no such topic"),
+        (TopicChoice(image="/no"), "/camera/image_raw"),
+        (TopicChoice(camera_info="/no"), "/camera/camera_info"),
+        (TopicChoice(pose="/odom"), "holds no such topic"),
     ],
 )
 def test_topics_that_are_not_there_are_named(
-    some: Views, tmp_path: Path, topics: Topics, part: str
+    some: Views, tmp_path: Path, topics: TopicChoice, part: str
 ) -> None:
     path = write_2(tmp_path / "bag", some, MCAP)
     with pytest.raises(BadInputError, match=part):
@@ -242,7 +247,9 @@ def test_wrong_world_frame_is_explained(some: Views, tmp_path: Path) -> None:
     path = write_2(tmp_path / "bag", some, MCAP)
     wiring = Wiring(world_frame="earth")
     with pytest.raises(BadInputError, match="pose"):
-        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=wiring, settings=UNDECIDED)
+        locate_in_bag(
+            path, tmp_path / "out", topics=TopicChoice(), wiring=wiring, settings=UNDECIDED
+        )
 
 
 @pytest.mark.parametrize("name", ["broken.mcap", "broken.db3", "broken.bag", "missing.mcap"])
@@ -251,7 +258,7 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, name: str) -> None:
     if not name.startswith("missing"):
         path.write_bytes(b"no bag at all" * 100)
     with pytest.raises(BadInputError, match=name):
-        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=Wiring())
+        locate_in_bag(path, tmp_path / "out", topics=TopicChoice(), wiring=Wiring())
 
 
 def test_cut_recording_is_refused_or_played_so_far(some: Views, tmp_path: Path) -> None:
@@ -259,7 +266,9 @@ def test_cut_recording_is_refused_or_played_so_far(some: Views, tmp_path: Path) 
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(BadInputError, match=r"bag\.mcap"):
-        locate_in_bag(path, tmp_path / "out", topics=Topics(), wiring=Wiring(), settings=UNDECIDED)
+        locate_in_bag(
+            path, tmp_path / "out", topics=TopicChoice(), wiring=Wiring(), settings=UNDECIDED
+        )
 
 
 def test_users_folder_is_not_overwritten(some: Views, tmp_path: Path) -> None:
@@ -270,7 +279,7 @@ def test_users_folder_is_not_overwritten(some: Views, tmp_path: Path) -> None:
         locate_in_bag(
             path,
             tmp_path / "out",
-            topics=Topics(),
+            topics=TopicChoice(),
             wiring=wiring,
             settings=UNDECIDED,
             detector=Oracle(some),

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 from locate.map.plume import PlumeMap
-from locate.messages.bags import Topics
+from locate.messages.bags import TopicChoice
 from locate.messages.codec import stamp_ns
 from locate.messages.poses import NS
 from locate.messages.wiring import Wiring
@@ -25,7 +25,7 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording.bag import BagRecording
 from locate.simulation.evidence import orbit
-from tests.robot.test_bag_playing import MOUNT, Recorder
+from tests.robot.test_bag_playing import MOUNT, MessageRecorder
 from tests.robot.test_next_view import plume
 
 COUNT, RATE_HZ = 12, 10
@@ -47,7 +47,7 @@ def stamp(i: int) -> int:
     return 100 * NS + i * NS // RATE_HZ
 
 
-class Drive(Recorder):
+class Drive(MessageRecorder):
     """A bag of images, and of what says where the camera was."""
 
     def __init__(self) -> None:
@@ -128,7 +128,7 @@ def _views(trajectory: Trajectory) -> Any:
     return SimpleNamespace(trajectory=trajectory)
 
 
-WITH_ODOMETRY = Topics(pose="/odom")
+WITH_ODOMETRY = TopicChoice(pose="/odom")
 
 
 def test_frames_are_the_images_that_can_be_read(trajectory: Trajectory, tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_run_takes_camera_and_poses_of_the_bag(trajectory: Trajectory, tmp_path:
 def test_what_was_found_is_a_bag_in_the_world_of_the_poses(
     trajectory: Trajectory, tmp_path: Path, *, poses: bool
 ) -> None:
-    topics = WITH_ODOMETRY if poses else Topics()
+    topics = WITH_ODOMETRY if poses else TopicChoice()
     bag = BagRecording(
         path=written(tmp_path, trajectory, poses=poses),
         topics=topics,

@@ -17,18 +17,18 @@ from rosbags.typesys import Stores
 from locate.fusion.views import Views
 from locate.map.plume import PlumeMap
 from locate.messages.wiring import Wiring
-from locate.robot import Settings
-from locate.robot.control import Control
+from locate.robot import LocatorSettings
+from locate.robot.control import NodeControl
 from locate.robot.dds import DdsNode, TopicNames
-from locate.robot.dds_transport import Wire
+from locate.robot.dds_transport import DdsTransport
 from locate.simulation.evidence import Truth
 from tests.robot.drive import Oracle
-from tests.robot.test_bag_playing import Recorder
+from tests.robot.test_bag_playing import MessageRecorder
 
 # What ROS itself warns of is not ours to repair.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
 
-QUICK = Settings(lag=1, views_kept=16, null_draws=2, drift=False)
+QUICK = LocatorSettings(lag=1, views_kept=16, null_draws=2, drift=False)
 DOMAIN = 77
 IMAGE, INFO = "/camera/image_raw", "/camera/camera_info"
 LATCHED_TOPICS = ("/tf_static", "/locate/markers", "/locate/points", "/locate/leak_1")
@@ -41,10 +41,10 @@ KINDS = {
 }
 
 
-class OverWire:
+class OverDds:
     """A robot whose own topics are on DDS, too."""
 
-    def __init__(self, wire: Wire) -> None:
+    def __init__(self, wire: DdsTransport) -> None:
         self._wire = wire
         self._senders = {topic: wire.advertise(topic, kind) for topic, kind in KINDS.items()}
 
@@ -66,7 +66,7 @@ class OverWire:
 class OverRclpy:
     """A robot with ROS 2."""
 
-    def __init__(self, wire: Wire) -> None:
+    def __init__(self, wire: DdsTransport) -> None:
         import rclpy
 
         from locate.robot.ros2 import ros_class
@@ -105,16 +105,16 @@ class OverRclpy:
         self._rclpy.shutdown()
 
 
-Robot = OverWire | OverRclpy
+Robot = OverDds | OverRclpy
 
 
 @pytest.fixture(scope="module")
-def wire() -> Wire:
-    return Wire(DOMAIN)
+def wire() -> DdsTransport:
+    return DdsTransport(DOMAIN)
 
 
-@pytest.fixture(params=[OverWire, OverRclpy], ids=["cyclonedds", "rclpy"])
-def robot(request: pytest.FixtureRequest, wire: Wire) -> Iterator[Robot]:
+@pytest.fixture(params=[OverDds, OverRclpy], ids=["cyclonedds", "rclpy"])
+def robot(request: pytest.FixtureRequest, wire: DdsTransport) -> Iterator[Robot]:
     if request.param is OverRclpy and not os.environ.get("ROS_REQUIRED"):
         pytest.importorskip("rclpy", reason="no ROS 2 here; docs/robot.md says how to test it")
     robot = request.param(wire)
@@ -123,7 +123,7 @@ def robot(request: pytest.FixtureRequest, wire: Wire) -> Iterator[Robot]:
 
 
 @pytest.fixture
-def node(wire: Wire, views: Views) -> Iterator[DdsNode]:
+def node(wire: DdsTransport, views: Views) -> Iterator[DdsNode]:
     wiring = Wiring(pose_sigma_m=0.01, pose_sigma_deg=0.1)
     node = DdsNode(wire, wiring, TopicNames(image=IMAGE), detector=Oracle(views), settings=QUICK)
     yield node
@@ -131,7 +131,7 @@ def node(wire: Wire, views: Views) -> Iterator[DdsNode]:
 
 
 @pytest.fixture
-def blind_node(wire: Wire, tmp_path: Path) -> Iterator[DdsNode]:
+def blind_node(wire: DdsTransport, tmp_path: Path) -> Iterator[DdsNode]:
     """Its camera and its name are nobody else's."""
     topics = TopicNames(image=IMAGE, camera_info="/nobody/camera_info", out="/quiet")
     node = DdsNode(wire, Wiring(), topics, output=tmp_path, settings=QUICK)
@@ -160,7 +160,7 @@ def until_it_comes(node: DdsNode, robot: Robot, topic: str, message: Any, came: 
 def test_drive_ends_in_latched_markers_and_a_leak(
     robot: Robot, node: DdsNode, views: Views, truth: Truth
 ) -> None:
-    drive = Recorder(Stores.ROS2_JAZZY).drive(views)
+    drive = MessageRecorder(Stores.ROS2_JAZZY).drive(views)
     static = drive[0][2]
     until_it_comes(
         node,
@@ -193,7 +193,7 @@ def test_drive_ends_in_latched_markers_and_a_leak(
 
 
 def test_commands_are_answered_and_diagnostics_told(
-    robot: Robot, blind_node: DdsNode, wire: Wire, views: Views
+    robot: Robot, blind_node: DdsNode, wire: DdsTransport, views: Views
 ) -> None:
     node = blind_node
     word = wire.types.types["std_msgs/msg/String"]
@@ -213,7 +213,7 @@ def test_commands_are_answered_and_diagnostics_told(
     assert told("dance") == "dance failed: 'dance' is none of start, stop, save, reset"
     assert told("save") == "save failed: nothing to save: no camera_info yet"
     assert told("stop") == "stop: stopped"
-    image = Recorder(Stores.ROS2_JAZZY).image(views, 0)
+    image = MessageRecorder(Stores.ROS2_JAZZY).image(views, 0)
     until_it_comes(
         node, robot, IMAGE, image, lambda: node.control.health().values["ignored_while_stopped"]
     )
@@ -223,23 +223,25 @@ def test_commands_are_answered_and_diagnostics_told(
     spin(node, robot, lambda: health[-1].status[0].message == "no camera_info yet")
 
 
-def test_save_writes_the_map_and_reset_forgets_it(wire: Wire, views: Views, tmp_path: Path) -> None:
+def test_save_writes_the_map_and_reset_forgets_it(
+    wire: DdsTransport, views: Views, tmp_path: Path
+) -> None:
     node = DdsNode(wire, Wiring(), TopicNames(), output=tmp_path / "new", settings=QUICK)
-    node.feeder.info(Recorder(Stores.ROS2_JAZZY).info(views, 0))
+    node.feeder.info(MessageRecorder(Stores.ROS2_JAZZY).info(views, 0))
     answer = node.control.command("save", 0)
     assert answer.success
     assert PlumeMap.load(Path(answer.message)).plumes == ()
     (tmp_path / "file").touch()
-    blocked = Control(node.feeder, node.announcer, output=tmp_path / "file" / "below")
+    blocked = NodeControl(node.feeder, node.announcer, output=tmp_path / "file" / "below")
     assert not blocked.command("save", 0).success
     assert node.control.command("reset", 0).message == "forgotten"
     node.close()
 
 
-def test_image_that_cannot_be_read_is_counted(wire: Wire, views: Views) -> None:
+def test_image_that_cannot_be_read_is_counted(wire: DdsTransport, views: Views) -> None:
     node = DdsNode(wire, Wiring(), TopicNames(image="/bad/image_raw"), settings=QUICK)
     send = wire.advertise("/bad/image_raw", KINDS[IMAGE])
-    message = Recorder(Stores.ROS2_JAZZY).image(views, 0)
+    message = MessageRecorder(Stores.ROS2_JAZZY).image(views, 0)
     message.encoding = "\udcff\udcff"
     with pytest.raises(UnicodeEncodeError):
         send(message)

@@ -9,7 +9,7 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
-from locate.robot.fixed_lag_smoother import Follower
+from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.simulation.evidence import Truth
 
 KEPT = 8
@@ -53,9 +53,9 @@ def found(views: Views) -> Plume:
     return plume
 
 
-def begun(views: Views, plume: Plume, *, most: int = 32) -> Follower:
+def begun(views: Views, plume: Plume, *, most: int = 32) -> FixedLagSmoother:
     poses = [pose(views, i) for i in range(KEPT)]
-    return Follower(plume, first(views, KEPT), poses, SharedError.of([]), most=most)
+    return FixedLagSmoother(plume, first(views, KEPT), poses, SharedError.of([]), most=most)
 
 
 def test_more_views_make_the_axis_surer(views: Views, truth: Truth, found: Plume) -> None:

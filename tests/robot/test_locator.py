@@ -13,24 +13,24 @@ from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.messages.poses import NS, UNKNOWN, StampedPose
-from locate.robot import Locator, Settings, State, Update
-from locate.robot.engine import Engine
-from locate.robot.search import Search
-from locate.robot.window import FrameWindow, KeyFrame
+from locate.robot import Locator, LocatorSettings, PlumeUpdate, TrackState
+from locate.robot.engine import PlumeEngine
+from locate.robot.search import LocalPlumeSearch
+from locate.robot.window import FrameWindow, WindowFrame
 from locate.simulation.evidence import Truth
 from tests.robot.drive import BLANK, Oracle, moments
 
-QUICK = Settings(lag=2, views_kept=16, null_draws=2, drift=False)
+QUICK = LocatorSettings(lag=2, views_kept=16, null_draws=2, drift=False)
 UNDECIDED = replace(QUICK, views_a_decision=1000, lag=0)
 
 
-def inline(views: Views, settings: Settings = QUICK) -> Locator:
+def inline(views: Views, settings: LocatorSettings = QUICK) -> Locator:
     return Locator(
         views.trajectory.camera, settings=settings, detector=Oracle(views), threaded=False
     )
 
 
-def drive(locator: Locator, views: Views) -> list[Update]:
+def drive(locator: Locator, views: Views) -> list[PlumeUpdate]:
     news = []
     for moment in moments(views):
         news += locator.feed(
@@ -40,25 +40,25 @@ def drive(locator: Locator, views: Views) -> list[Update]:
 
 
 @pytest.fixture(scope="module")
-def driven(views: Views) -> tuple[Locator, list[Update]]:
+def driven(views: Views) -> tuple[Locator, list[PlumeUpdate]]:
     locator = inline(views)
     return locator, drive(locator, views)
 
 
 def test_plume_is_confirmed_before_the_drive_ends(
-    driven: tuple[Locator, list[Update]], truth: Truth
+    driven: tuple[Locator, list[PlumeUpdate]], truth: Truth
 ) -> None:
     locator, news = driven
-    first = next(update for update in news if update.state is State.CONFIRMED)
+    first = next(update for update in news if update.state is TrackState.CONFIRMED)
     assert first.stamp_ns < 100 * NS + 11 * NS // 5
-    assert {update.plume.id for update in news if update.state is State.CONFIRMED} == {1}
+    assert {update.plume.id for update in news if update.state is TrackState.CONFIRMED} == {1}
     (plume,) = locator.plume_map().plumes
     error = plume.source - truth.source
     assert error @ np.linalg.solve(plume.source_covariance, error) < 16
 
 
 def test_plume_is_that_of_an_offline_run_with_the_same_random_draws(
-    driven: tuple[Locator, list[Update]], views: Views
+    driven: tuple[Locator, list[PlumeUpdate]], views: Views
 ) -> None:
     (online,) = driven[0].plume_map().plumes
     (offline,) = fuse(views, seed=QUICK.seed, null=NullLevel.fitted([8.0, 9.0, 10.0])).plumes
@@ -69,7 +69,7 @@ def test_plume_is_that_of_an_offline_run_with_the_same_random_draws(
 
 @pytest.mark.parametrize("order", ["late", "early", "shuffled"])
 def test_poses_may_come_in_any_order(
-    driven: tuple[Locator, list[Update]], views: Views, order: str
+    driven: tuple[Locator, list[PlumeUpdate]], views: Views, order: str
 ) -> None:
     locator = inline(views, UNDECIDED)
     poses = list(moments(views))
@@ -117,7 +117,7 @@ def test_no_plume_is_reported_where_there_is_none(views: Views) -> None:
     blind = replace(views, llr=np.where(views.llr > 0, np.float32(-0.5), views.llr))
     locator = inline(blind)
     news = drive(locator, blind)
-    assert all(update.state is not State.CONFIRMED for update in news)
+    assert all(update.state is not TrackState.CONFIRMED for update in news)
     assert locator.plume_map().plumes == ()
 
 
@@ -147,7 +147,7 @@ def test_plume_that_stops_is_lost(views: Views) -> None:
     locator = inline(views, settings)
     drive(locator, views)
     silent = np.full_like(views.llr, -0.5)
-    states: list[State] = []
+    states: list[TrackState] = []
     oracle = locator._detector
     assert isinstance(oracle, Oracle)
     oracle.views = replace(views, llr=silent)
@@ -155,8 +155,8 @@ def test_plume_that_stops_is_lost(views: Views) -> None:
         for moment in moments(views, start_ns=(100 + 5 * turn) * NS):
             news = locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
             states += [update.state for update in news if update.plume.id == 1]
-    assert states[-1] is State.LOST
-    assert states.count(State.LOST) == 1
+    assert states[-1] is TrackState.LOST
+    assert states.count(TrackState.LOST) == 1
     assert locator.plume_map().plumes == ()
 
 
@@ -181,7 +181,7 @@ def test_jump_of_the_world_begins_a_new_window(views: Views) -> None:
 
 def test_frame_of_a_window_that_has_ended_is_not_kept(views: Views) -> None:
     camera = views.trajectory.camera
-    engine = Engine(Search("oracle", QUICK), QUICK)
+    engine = PlumeEngine(LocalPlumeSearch("oracle", QUICK), QUICK)
     stamped = [
         StampedPose(stamp_ns=m.stamp_ns, world_from_cam=m.world_from_cam, covariance=UNKNOWN)
         for m in moments(views)
@@ -190,7 +190,7 @@ def test_frame_of_a_window_that_has_ended_is_not_kept(views: Views) -> None:
     for first in (0, 6):
         window = FrameWindow(camera, first=first, most=6, lag=0)
         for number in range(first, first + 6):
-            window.add(KeyFrame(number=number, image=BLANK, pose=stamped[number]))
+            window.add(WindowFrame(number=number, image=BLANK, pose=stamped[number]))
         tasks += [window.take(newest=False), window.take(newest=False)]
     detector = Oracle(views)
     for turn in (0, 2, 1, 3):
@@ -298,7 +298,7 @@ def test_what_cannot_be_is_refused(
 
 def test_one_neighbour_is_refused() -> None:
     with pytest.raises(BadInputError, match="at least 2 show parallax"):
-        Settings(neighbours=1)
+        LocatorSettings(neighbours=1)
 
 
 def test_memory_is_bounded(views: Views) -> None:

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
-from locate.robot import State, Update
+from locate.robot import PlumeUpdate, TrackState
 from locate.robot.autopilot import Autopilot, camera_pose
 from locate.robot.mavlink import landing_target, plan, region_of_interest, status_text
 from tests.robot.test_next_view import plume
@@ -148,7 +148,7 @@ def test_leak_reaches_the_other_end_of_a_link() -> None:
     ground = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}")
     robot = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=1)
     try:
-        update = Update(plume=LEAK, state=State.CONFIRMED, stamp_ns=0)
+        update = PlumeUpdate(plume=LEAK, state=TrackState.CONFIRMED, stamp_ns=0)
         robot.mav.send(status_text(update))
         robot.mav.send(region_of_interest(LEAK, ORIGIN, system=1, component=1))
         text = ground.recv_match(type="STATUSTEXT", blocking=True, timeout=10)

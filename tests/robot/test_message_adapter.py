@@ -9,12 +9,12 @@ from geometry.errors import BadInputError
 from locate.messages.poses import NS
 from locate.messages.transforms import ros_covariance
 from locate.messages.wiring import Wiring
-from locate.robot import Settings
-from locate.robot.message_adapter import Feeder
+from locate.robot import LocatorSettings
+from locate.robot.message_adapter import MessageAdapter
 from tests.robot.fake_messages import camera_info, header, image, quaternion, vector
 from tests.robot.test_transforms import stamped
 
-SETTINGS = Settings(views_a_decision=1000, lag=0)
+SETTINGS = LocatorSettings(views_a_decision=1000, lag=0)
 SMALL: dict[str, Any] = {"width": 32, "height": 24, "k": [30.0, 0, 16, 0, 30, 12, 0, 0, 1]}
 GREY = np.full((24, 32), 7, np.uint8)
 MOUNT = np.eye(4)
@@ -51,14 +51,14 @@ def odometry(pose: np.ndarray, stamp_ns: int, covariance: np.ndarray) -> Any:
     )
 
 
-def feeder(**wiring: Any) -> Feeder:
-    made = Feeder(Wiring(**wiring), settings=SETTINGS, threaded=False)
+def feeder(**wiring: Any) -> MessageAdapter:
+    made = MessageAdapter(Wiring(**wiring), settings=SETTINGS, threaded=False)
     made.info(camera_info(**SMALL))
     made.static_transforms(transforms("camera", "base", MOUNT))
     return made
 
 
-def key_poses(made: Feeder) -> list[Any]:
+def key_poses(made: MessageAdapter) -> list[Any]:
     assert made.locator is not None
     return [key.pose for key in made.locator._intake.frames._keys]
 
@@ -100,7 +100,7 @@ def test_pose_of_the_camera_itself_needs_no_tf() -> None:
 
 
 def test_troubles_are_named() -> None:
-    made = Feeder(Wiring(pose_source="odometry"), settings=SETTINGS, threaded=False)
+    made = MessageAdapter(Wiring(pose_source="odometry"), settings=SETTINGS, threaded=False)
     assert made.trouble() == "no camera_info yet"
     made.image(picture(NS))
     assert "camera_info" in made.trouble()
@@ -128,4 +128,4 @@ def test_unknown_pose_source_is_refused() -> None:
 )
 def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(BadInputError, match=next(iter(wrong))):
-        Settings(**wrong)
+        LocatorSettings(**wrong)

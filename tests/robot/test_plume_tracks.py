@@ -9,10 +9,10 @@ from locate.messages.poses import NS, PoseBuffer, StampedPose
 from locate.robot.drift import LEAST_OWN_SHARE, SharedError
 from locate.robot.plume_tracks import (
     MOST_TRACKS,
-    Span,
-    State,
-    Tracks,
-    Update,
+    PlumeTracks,
+    PlumeUpdate,
+    TrackState,
+    ViewSpan,
     as_column,
     joined_estimate,
 )
@@ -30,18 +30,18 @@ def at(x: float, *, views: tuple[int, ...] = (0, 1, 2), probability: float = 1.0
     )
 
 
-def span(first: int, last: int) -> Span:
-    return Span(first=first, last=last, stamp_ns=last * NS)
+def span(first: int, last: int) -> ViewSpan:
+    return ViewSpan(first=first, last=last, stamp_ns=last * NS)
 
 
 def decide(
-    tracks: Tracks, found: list[Plume], views: Span, *, looked_at: bool = True
-) -> list[Update]:
+    tracks: PlumeTracks, found: list[Plume], views: ViewSpan, *, looked_at: bool = True
+) -> list[PlumeUpdate]:
     return tracks.update(found, views, unit=UNIT, looked_at=lambda _plume: looked_at)
 
 
 def test_ids_stay_with_their_plumes() -> None:
-    tracks = Tracks(independent=True)
+    tracks = PlumeTracks(independent=True)
     first = decide(tracks, [at(0.0), at(5.0)], span(0, 3))
     second = decide(tracks, [at(5.1), at(0.1), at(-5.0)], span(1, 4))
     assert [update.plume.id for update in first] == [1, 2]
@@ -49,27 +49,27 @@ def test_ids_stay_with_their_plumes() -> None:
 
 
 def test_candidate_is_confirmed_and_stays_so() -> None:
-    tracks = Tracks(independent=True)
+    tracks = PlumeTracks(independent=True)
     states = []
     for i, probability in enumerate([0.8, 0.999, 0.8]):
         states += decide(tracks, [at(0, probability=probability)], span(i, i + 3))
-    expected = [State.CANDIDATE, State.CONFIRMED, State.CONFIRMED]
+    expected = [TrackState.CANDIDATE, TrackState.CONFIRMED, TrackState.CONFIRMED]
     assert [update.state for update in states] == expected
 
 
 def test_plume_is_lost_once_it_was_looked_for_in_vain() -> None:
-    tracks = Tracks(independent=True)
+    tracks = PlumeTracks(independent=True)
     decide(tracks, [at(0)], span(0, 3))
     unseen = [decide(tracks, [], span(i, i + 3), looked_at=False) for i in range(9)]
     assert not any(unseen)
     lost = [decide(tracks, [], span(i, i + 3)) for i in range(9)]
-    assert [update.state for updates in lost for update in updates] == [State.LOST]
+    assert [update.state for updates in lost for update in updates] == [TrackState.LOST]
     (again,) = decide(tracks, [at(0)], span(20, 23))
-    assert (again.plume.id, again.state) == (1, State.CONFIRMED)
+    assert (again.plume.id, again.state) == (1, TrackState.CONFIRMED)
 
 
 def test_views_count_once() -> None:
-    tracks = Tracks(independent=True)
+    tracks = PlumeTracks(independent=True)
     variances = []
     for i in range(30):
         (update,) = decide(tracks, [at(0, views=tuple(range(i, i + 10)))], span(i, i + 9))
@@ -80,21 +80,21 @@ def test_views_count_once() -> None:
 
 
 def test_growing_window_replaces_its_estimate() -> None:
-    tracks = Tracks(independent=True)
+    tracks = PlumeTracks(independent=True)
     decide(tracks, [replace(at(0), source_covariance=1e-6 * np.eye(3))], span(0, 3))
     (update,) = decide(tracks, [at(0.1)], span(0, 7))
     assert update.plume.source_covariance[0, 0] == pytest.approx(0.01)
 
 
 def test_drifting_poses_do_not_add_up() -> None:
-    tracks = Tracks(independent=False)
+    tracks = PlumeTracks(independent=False)
     for i in (0, 10, 20):
         (update,) = decide(tracks, [at(0, views=(i, i + 1))], span(i, i + 9))
     assert update.plume.source_covariance[0, 0] == pytest.approx(0.01, rel=1e-3)
 
 
 def test_inconsistent_estimate_is_not_averaged() -> None:
-    tracks = Tracks(independent=True)
+    tracks = PlumeTracks(independent=True)
     sharp = replace(at(0.0), source_covariance=1e-4 * np.eye(3))
     moved = replace(sharp, source=np.array([0.3, 0.0, 0.0]), views=(10, 11))
     decide(tracks, [sharp], span(0, 9))
@@ -103,12 +103,12 @@ def test_inconsistent_estimate_is_not_averaged() -> None:
 
 
 def test_number_of_tracks_is_bounded() -> None:
-    tracks = Tracks(independent=True)
+    tracks = PlumeTracks(independent=True)
     decide(tracks, [at(0.0)], span(0, 3))
     for i in range(MOST_TRACKS + 20):
         decide(tracks, [at(10.0 * (i + 1), probability=0.8)], span(0, 3), looked_at=False)
     assert len(tracks.all) == MOST_TRACKS
-    assert tracks.all[0].state is State.CONFIRMED
+    assert tracks.all[0].state is TrackState.CONFIRMED
 
 
 def test_joined_estimates() -> None:

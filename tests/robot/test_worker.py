@@ -10,20 +10,20 @@ from detect.registry import make_detector
 from geometry.errors import BadInputError
 from locate.fusion.views import Views
 from locate.messages.poses import StampedPose
-from locate.robot import Locator, Settings, State
+from locate.robot import Locator, LocatorSettings, TrackState
 from locate.robot.drift import SharedError
-from locate.robot.search import Search
-from locate.robot.worker import DetectorApart, SearchApart
+from locate.robot.search import LocalPlumeSearch
+from locate.robot.worker import DetectorWorker, PlumeSearchWorker
 from locate.simulation.evidence import Truth
 from tests.robot.drive import BLANK, Oracle, moments
 
-QUICK = Settings(lag=2, views_kept=16, null_draws=2, drift=False)
+QUICK = LocatorSettings(lag=2, views_kept=16, null_draws=2, drift=False)
 NOTHING_SHARED = SharedError.of([])
 
 
 @pytest.fixture
-def process() -> Iterator[SearchApart]:
-    process = SearchApart("oracle", QUICK)
+def process() -> Iterator[PlumeSearchWorker]:
+    process = PlumeSearchWorker("oracle", QUICK)
     yield process
     process.close()
 
@@ -44,9 +44,9 @@ def poses(views: Views) -> list[StampedPose]:
 
 
 def test_another_process_finds_what_this_one_finds(
-    process: SearchApart, views: Views, poses: list[StampedPose]
+    process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
 ) -> None:
-    (here,) = Search("oracle", QUICK).search(views, poses, NOTHING_SHARED)
+    (here,) = LocalPlumeSearch("oracle", QUICK).search(views, poses, NOTHING_SHARED)
     process.forget()
     (there,) = process.search(views, poses, NOTHING_SHARED)
     np.testing.assert_array_equal(there.plume.source, here.plume.source)
@@ -56,7 +56,7 @@ def test_another_process_finds_what_this_one_finds(
 
 
 def test_search_that_fails_says_how_and_goes_on(
-    process: SearchApart, views: Views, poses: list[StampedPose]
+    process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
 ) -> None:
     with pytest.raises(RuntimeError, match=r"AttributeError.*no attribute 'taken_out'"):
         process.search(views, poses, None)  # type: ignore[arg-type]
@@ -64,7 +64,7 @@ def test_search_that_fails_says_how_and_goes_on(
 
 
 def test_process_that_died_is_begun_anew(
-    process: SearchApart, views: Views, poses: list[StampedPose]
+    process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
 ) -> None:
     process._search._process.send_signal(signal.SIGKILL)
     process._search._process.wait()
@@ -80,7 +80,7 @@ def test_detector_apart_sees_what_one_here_sees(views: Views) -> None:
     trajectory = replace(views.trajectory.take(range(5)), camera=camera)
     frames = Frames(images=images, trajectory=trajectory)
     detector = make_detector("registered", neighbours=2)
-    apart = DetectorApart(detector, 2)
+    apart = DetectorWorker(detector, 2)
     try:
         expected = detector.detect(frames, 2)
         found = apart.detect(frames, 2)
@@ -108,7 +108,7 @@ def test_several_look_at_once_and_none_is_left(views: Views) -> None:
     assert all(process.poll() is not None for process in processes)
 
 
-def test_process_ends_when_nobody_is_left_to_ask(process: SearchApart) -> None:
+def test_process_ends_when_nobody_is_left_to_ask(process: PlumeSearchWorker) -> None:
     process._search._pipe.close()
     assert process._search._process.wait(timeout=20) == 0
 
@@ -123,6 +123,6 @@ def test_plume_is_confirmed_by_threads_and_a_process(views: Views, truth: Truth)
         news += locator.finish(timeout_s=60)
         assert locator.counts.failures == 0
         (plume,) = locator.plume_map().plumes
-    assert news[-1].state is State.CONFIRMED
+    assert news[-1].state is TrackState.CONFIRMED
     error = plume.source - truth.source
     assert error @ np.linalg.solve(plume.source_covariance, error) < 16
