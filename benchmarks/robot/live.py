@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--replay", type=int, default=0, metavar="KEY_FRAMES")
     parser.add_argument("--width", type=int, default=LocatorSettings().width_px)
     parser.add_argument("--neighbours", type=int, default=LocatorSettings().neighbours)
-    parser.add_argument("--lookers", type=int, default=LocatorSettings().lookers)
+    parser.add_argument("--lookers", type=int, default=LocatorSettings().detector_workers)
     parser.add_argument("--spacing", type=float, default=LocatorSettings().spacing)
     parser.add_argument("--lag", type=int, default=LocatorSettings().lag)
     parser.add_argument("--plain", action="store_true", help="judge by hand, not by the network")
@@ -162,7 +162,7 @@ def main() -> None:
         neighbours=arguments.neighbours,
         lag=arguments.lag,
         spacing=arguments.spacing,
-        lookers=arguments.lookers,
+        detector_workers=arguments.lookers,
     )
     name = "registered-plain" if arguments.plain else "registered"
     timed = Timed(make_detector(name, neighbours=arguments.neighbours))

@@ -23,9 +23,12 @@ Neighbours = Annotated[
     int | None,
     typer.Option(help="Key frames that each is compared with; else 8, fewer are faster."),
 ]
-Lookers = Annotated[
+DetectorWorkers = Annotated[
     int | None,
-    typer.Option(help="Key frames looked at at the same time, each by its own processor; else 1."),
+    typer.Option(
+        "--lookers",
+        help="Key frames detected in at the same time, each by its own processor; else 1.",
+    ),
 ]
 Rectified = Annotated[bool, typer.Option("--rectified", help="The images are rectified already.")]
 
@@ -108,7 +111,7 @@ def dds(
     ] = None,
     width_px: WidthPx = None,
     neighbours: Neighbours = None,
-    lookers: Lookers = None,
+    detector_workers: DetectorWorkers = None,
 ) -> None:
     """Run the node on plain DDS, beside a ROS 2 robot on which nothing can be installed."""
     from locate.messages.wiring import PoseSource, Wiring
@@ -124,7 +127,9 @@ def dds(
         pose_source=source,
         rectified=rectified,
     )
-    settings = _settings(width_px=width_px, neighbours=neighbours, lookers=lookers)
+    settings = _settings(
+        width_px=width_px, neighbours=neighbours, detector_workers=detector_workers
+    )
     names = TopicNames(image=image_topic, camera_info=info_topic, pose=pose_topic or "")
     node = DdsNode(DdsTransport(domain), wiring, names, settings=settings, output=output or OUTPUT)
     try:

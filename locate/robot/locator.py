@@ -60,7 +60,7 @@ class Locator:
         neighbours = self.settings.neighbours
         self._detector = detector or make_detector(LEARNED, neighbours=neighbours)
         processes = threaded and AVAILABLE
-        more = self.settings.lookers - 1 if processes and detector is None else 0
+        more = self.settings.detector_workers - 1 if processes and detector is None else 0
         self._helpers = [DetectorWorker(self._detector, neighbours) for _ in range(more)]
         self._searcher: PlumeSearch = (PlumeSearchWorker if processes else LocalPlumeSearch)(
             self._detector.name, self.settings

@@ -19,10 +19,22 @@ _OF_THE_NODE: dict[str, tuple[Any, str]] = {
 }
 
 
-def _of_settings() -> dict[str, tuple[Any, str]]:
-    """Those of `LocatorSettings`, with the words of their annotations."""
+_PARAMETER_OF_FIELD = {"detector_workers": "lookers"}
+"""Settings whose parameter has another name: robots are configured by it."""
+
+
+def parameter_of(field: str) -> str:
+    """The parameter that sets a field of `LocatorSettings` or `Wiring`."""
+    return _PARAMETER_OF_FIELD.get(field, field)
+
+
+def _describe_settings() -> dict[str, tuple[Any, str]]:
+    """The parameters of `LocatorSettings`, with the words of their annotations."""
     words = get_type_hints(LocatorSettings, include_extras=True)
-    return {f.name: (f.default, words[f.name].__metadata__[0]) for f in fields(LocatorSettings)}
+    return {
+        parameter_of(field.name): (field.default, words[field.name].__metadata__[0])
+        for field in fields(LocatorSettings)
+    }
 
 
-PARAMETERS = _OF_THE_NODE | _of_settings()
+PARAMETERS = _OF_THE_NODE | _describe_settings()

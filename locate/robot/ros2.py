@@ -11,7 +11,7 @@ from locate.messages.wiring import Wiring
 from locate.robot.control import COMMANDS, NodeControl
 from locate.robot.message_adapter import MessageAdapter
 from locate.robot.message_builder import MessageBuilder
-from locate.robot.parameters import PARAMETERS
+from locate.robot.parameters import PARAMETERS, parameter_of
 from locate.robot.publisher import (
     HEALTH_TOPIC,
     HEALTH_TYPE,
@@ -84,8 +84,8 @@ class LocateNode:
         return self.node.get_parameter(name).value
 
     def _fields_of(self, kind: type[Wiring] | type[LocatorSettings]) -> dict[str, Any]:
-        """The parameters that are named as the fields of a dataclass."""
-        return {field.name: self._parameter(field.name) for field in fields(kind)}
+        """The parameters that set the fields of a dataclass."""
+        return {field.name: self._parameter(parameter_of(field.name)) for field in fields(kind)}
 
     def _warn(self, text: str) -> None:
         self.node.get_logger().warning(text, throttle_duration_sec=WARN_EVERY_S)

@@ -18,7 +18,9 @@ class LocatorSettings:
 
     width_px: Annotated[int, "Wider images are shrunk to this width."] = 640
     neighbours: Annotated[int, "Key frames that each is compared with; fewer are faster."] = 8
-    lookers: Annotated[int, "Key frames looked at at the same time, each by its own processor."] = 1
+    detector_workers: Annotated[
+        int, "Key frames that are detected in at the same time, each by its own processor."
+    ] = 1
     spacing: Annotated[float, "Parallax between key frames, as a share of the image width."] = 0.02
     expected_range_m: Annotated[
         float, "Typical distance to the background, until it has been measured."

@@ -1,5 +1,6 @@
 import importlib.util
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,8 @@ from typer.testing import CliRunner
 
 from geometry.errors import BadInputError
 from locate.commands.robot import robot
+from locate.robot.parameters import PARAMETERS
+from locate.robot.settings import LocatorSettings
 
 
 def test_node_without_ros_says_what_to_do() -> None:
@@ -38,3 +41,12 @@ def test_pose_without_its_topic_is_refused() -> None:
     result = CliRunner().invoke(robot, ["dds", "--pose"])
     assert isinstance(result.exception, BadInputError)
     assert "--pose-topic" in str(result.exception)
+
+
+def test_parameters_of_the_node_keep_their_names() -> None:
+    assert {field.name for field in fields(LocatorSettings)} - set(PARAMETERS) == {
+        "detector_workers"
+    }
+    assert PARAMETERS["lookers"][0] == LocatorSettings().detector_workers
+    result = CliRunner().invoke(robot, ["dds", "--help"], env={"COLUMNS": "100"})
+    assert "--lookers" in result.output

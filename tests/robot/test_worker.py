@@ -96,7 +96,9 @@ def test_detector_apart_sees_what_one_here_sees(views: Views) -> None:
 def test_several_look_at_once_and_none_is_left(views: Views) -> None:
     rng = np.random.default_rng(0)
     textured = rng.integers(0, 255, BLANK.shape, np.uint8)
-    settings = replace(QUICK, lookers=2, neighbours=2, frames_kept=20, views_a_decision=1000)
+    settings = replace(
+        QUICK, detector_workers=2, neighbours=2, frames_kept=20, views_a_decision=1000
+    )
     with Locator(views.trajectory.camera, settings=settings) as locator:
         for moment in moments(views):
             locator.feed(textured, moment.world_from_cam, moment.covariance, moment.stamp_ns)
