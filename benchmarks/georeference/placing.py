@@ -16,7 +16,7 @@ import numpy as np
 from geometry.errors import BadInputError
 from geometry.similarity import align
 from geometry.trajectory import Trajectory
-from locate.evaluation.truth import Truth
+from locate.evaluation.truth import SceneTruth
 from locate.pipeline.observe import load_points
 from locate.pipeline.place import place
 from locate.recording import KeyFrames
@@ -39,7 +39,7 @@ def main() -> None:
     for flight in campaign.flights:
         run = runs / flight.name
         if (run / "sfm" / "trajectory.json").exists():
-            truth = Truth.load(folder / "truth" / flight.name).trajectory
+            truth = SceneTruth.load(folder / "truth" / flight.name).trajectory
             for name, receiver in RECEIVERS.items():
                 errors = [
                     error_of(campaign, run, truth, receiver, np.random.default_rng([77, draw]))

@@ -21,7 +21,7 @@ from detect.fluctuation import Fluctuation
 from detect.synthesis.raster import photos_in
 from geometry.arrays import GreyImage
 from locate.evaluation import evaluate
-from locate.evaluation.truth import Truth
+from locate.evaluation.truth import SceneTruth
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
@@ -69,7 +69,7 @@ def picture(folder: Path) -> NDArray[np.uint8]:
     """(H, 3 W, 3) a frame with its bearings, what lasts, and the truth."""
     images = [small(f.image) for f in open_recording(folder / "video.mkv").frames()]
     lasting = Fluctuation.of(images, np.random.default_rng(0)).sigmas
-    truth = Truth.load(folder)
+    truth = SceneTruth.load(folder)
     squares = [(truth.frame(i).displacement ** 2).sum(axis=-1) for i in range(0, len(images), 4)]
     true_px = cv2.resize(np.sqrt(np.mean(squares, axis=0)), lasting.shape[::-1])
     shown = [images[0], 25.5 * lasting, 255 * true_px / max(float(true_px.max()), 1e-9)]

@@ -16,7 +16,7 @@ import numpy as np
 from geometry.arrays import BoolArray, FloatArray
 from geometry.georeference.constraints import point_jacobian
 from geometry.similarity import Similarity
-from locate.evaluation.plumes import pairs
+from locate.evaluation.plumes import pair_within_gate
 from locate.map.plume import Plume
 from locate.survey.associate import associate
 from locate.survey.frame import Offset, Seen
@@ -118,7 +118,7 @@ def judge(drawn: Drawn) -> dict[str, FloatArray]:
     solved, counts = fused.solved, np.bincount(fused.hotspot_of)
     visible = np.unique(drawn.site_of[drawn.site_of >= 0]).astype(int)
     apart = np.linalg.norm((drawn.sites[visible][:, None] - solved.positions)[..., :2], axis=-1)
-    paired = [(int(visible[i]), k) for i, k in pairs(apart, np.array(GATE_M))]
+    paired = [(int(visible[i]), k) for i, k in pair_within_gate(apart, np.array(GATE_M))]
     errors = [(solved.positions[k] - drawn.sites[i])[:2] for i, k in paired]
     answers = [hotspot_posterior(FLIGHTS, int(counts[k]), known_by_sight=True) for _, k in paired]
     chance = DETECTED * drawn.chance[[i for i, _ in paired]]

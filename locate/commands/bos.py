@@ -47,9 +47,11 @@ def bos(
         recording = open_recording(path, max_side=ANY_SIDE)
         name = path.resolve().stem if recording.is_video else path.resolve().name
         with progress_bars(err) as report:
-            pairs = record_pairs(name, _images(recording, name, report), known, output, settings)
+            pairs = record_pairs(
+                name, _grey_frames(recording, name, report), known, output, settings
+            )
         refused += pairs.fault is not None
-        out.print(describe(pairs))
+        out.print(describe_pairs(pairs))
     if refused:
         raise BadInputError(
             f"{refused} of {len(recordings)} recordings refused, see {output / 'recordings'}"
@@ -72,7 +74,7 @@ def parse_reference(text: str) -> GreyImage | int:
     return read_grey(Path(text))
 
 
-def describe(pairs: "RecordedPairs") -> str:
+def describe_pairs(pairs: "RecordedPairs") -> str:
     """One line on what became of a recording."""
     if pairs.fault:
         return f"{pairs.name}: refused, {pairs.fault.value}"
@@ -83,7 +85,7 @@ def describe(pairs: "RecordedPairs") -> str:
     )
 
 
-def _images(recording: "Recording", name: str, report: Report) -> Iterator[GreyImage]:
+def _grey_frames(recording: "Recording", name: str, report: Report) -> Iterator[GreyImage]:
     total = max(1, recording.expected_frames)
     for frame in recording.frames():
         report(name, min(1.0, frame.index / total))

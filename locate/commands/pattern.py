@@ -44,7 +44,7 @@ def pattern(
     page = paper_mm(paper)
     _check_dots(page, period, dpi, margin_mm)
     image = printed(draw(kind, period, seed=seed, page_mm=page), page, dpi)
-    _whiten(image, page, margin_mm, dpi)
+    _whiten_margin(image, page, margin_mm, dpi)
     about = f"{kind}, period {period:.3f} mm, seed {seed}"
     caption = f"100 mm: print at 100 %. {about}" if margin_mm > 0 else None
     write_sheet(output, image, dpi, page, caption)
@@ -78,7 +78,7 @@ def _check_dots(page: tuple[float, float], period: float, dpi: float, margin: fl
         raise BadInputError(f"--margin-mm {margin:g} leaves nothing of the page")
 
 
-def _whiten(image: GreyImage, page: tuple[float, float], margin: float, dpi: float) -> None:
+def _whiten_margin(image: GreyImage, page: tuple[float, float], margin: float, dpi: float) -> None:
     """Makes every dot white whose middle is in the margin."""
     columns, rows = ((np.arange(count) + 0.5) * MM_PER_INCH / dpi for count in image.shape[::-1])
     image[(rows < margin) | (rows > page[1] - margin)] = 255

@@ -11,7 +11,7 @@ from geometry.trajectory import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
-class Alignment:
+class CameraAlignment:
     """How the cameras of a map lie over the true ones.
 
     Attributes:
@@ -27,7 +27,7 @@ class Alignment:
     rotation_median_deg: float
 
 
-def align_trajectories(estimate: Trajectory, truth: Trajectory) -> Alignment:
+def align_trajectories(estimate: Trajectory, truth: Trajectory) -> CameraAlignment:
     """Aligns by whole poses; the scale is free only where the estimate's is.
 
     The rotation is the chordal mean of the relative orientations, because centres on an arc leave
@@ -61,7 +61,7 @@ def align_trajectories(estimate: Trajectory, truth: Trajectory) -> Alignment:
         translation=true_centers.mean(axis=0) - scale * rotation @ centers.mean(axis=0),
     )
     residual = transform(centers) - true_centers
-    return Alignment(
+    return CameraAlignment(
         truth_from_map=transform,
         frames=len(rows),
         position_rmse=float(np.sqrt((residual**2).sum(axis=1).mean())),

@@ -9,10 +9,10 @@ import numpy as np
 from geometry.errors import BadInputError
 from geometry.plain import plain
 from geometry.trajectory import Trajectory
-from locate.evaluation.alignment import Alignment, align_trajectories
+from locate.evaluation.alignment import CameraAlignment, align_trajectories
 from locate.evaluation.frames import FrameScore, frame_scores
 from locate.evaluation.plumes import BearingError, PlumeError, bearing_errors, plume_errors
-from locate.evaluation.truth import Truth
+from locate.evaluation.truth import SceneTruth
 from locate.map.plume import PlumeMap
 
 
@@ -31,7 +31,7 @@ class Evaluation:
         notes: What limits this verdict.
     """
 
-    alignment: Alignment | None
+    alignment: CameraAlignment | None
     plumes: tuple[PlumeError, ...]
     bearings: tuple[BearingError, ...]
     misses: tuple[int, ...]
@@ -74,7 +74,7 @@ def evaluate(
     Raises:
         BadInputError: The truth is unreadable, or shares too few frames with the run.
     """
-    truth = Truth.load(truth_dir)
+    truth = SceneTruth.load(truth_dir)
     alignment = None if trajectory is None else align_trajectories(trajectory, truth.trajectory)
     if plume_map.plumes and alignment is None:
         raise BadInputError("the map has plumes but no cameras: its trajectory.json is missing")

@@ -8,7 +8,7 @@ import numpy as np
 
 from detect.detection import Detection
 from detect.scores import auroc, average_precision
-from locate.evaluation.truth import Truth, TruthFrame
+from locate.evaluation.truth import SceneTruth, TruthFrame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class FrameScore:
     epe_of_zero_px: float
 
 
-def frame_scores(detections_dir: Path, truth: Truth) -> tuple[list[FrameScore], list[str]]:
+def frame_scores(detections_dir: Path, truth: SceneTruth) -> tuple[list[FrameScore], list[str]]:
     """Scores of every frame that has both a detection and a truth, and notes on them."""
     scores, resized = [], set()
     for index in truth.trajectory.indices.tolist():
@@ -42,8 +42,8 @@ def frame_scores(detections_dir: Path, truth: Truth) -> tuple[list[FrameScore], 
         detection = Detection.load(path)
         if detection.llr.shape != true.mask.shape:
             resized.add((detection.llr.shape, true.mask.shape))
-            detection = _resized(detection, true.mask.shape)
-        scores.append(_score(index, detection, true))
+            detection = _resize_detection(detection, true.mask.shape)
+        scores.append(_score_frame(index, detection, true))
     notes = [
         f"detections of {w} x {h} px were resized to the truth's {true_w} x {true_h} px"
         for (h, w), (true_h, true_w) in sorted(resized)
@@ -51,7 +51,7 @@ def frame_scores(detections_dir: Path, truth: Truth) -> tuple[list[FrameScore], 
     return scores, notes
 
 
-def _resized(detection: Detection, shape: tuple[int, ...]) -> Detection:
+def _resize_detection(detection: Detection, shape: tuple[int, ...]) -> Detection:
     height, width = shape
     factor = np.array([width, height]) / detection.llr.shape[::-1]
     displacement, llr, sigma_px = (
@@ -64,7 +64,7 @@ def _resized(detection: Detection, shape: tuple[int, ...]) -> Detection:
     )
 
 
-def _score(index: int, detection: Detection, true: TruthFrame) -> FrameScore:
+def _score_frame(index: int, detection: Detection, true: TruthFrame) -> FrameScore:
     inside = true.displacement[true.mask]
     error = detection.displacement[true.mask] - inside
     return FrameScore(

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 
 from geometry.arrays import FloatArray
 from geometry.similarity import Similarity
-from locate.evaluation.truth import Truth
+from locate.evaluation.truth import SceneTruth
 from locate.map.plume import Bearing, Plume
 
 GATE_OF_RANGE = 0.15
@@ -47,13 +47,13 @@ class BearingError:
 
 
 def plume_errors(
-    plumes: Sequence[Plume], truth: Truth, truth_from_map: Similarity
+    plumes: Sequence[Plume], truth: SceneTruth, truth_from_map: Similarity
 ) -> list[PlumeError]:
     """Pairs plumes with true ones, at most one each, within 15 % of range."""
     sources = truth_from_map(np.reshape([plume.source for plume in plumes], (-1, 3)))
     distances = np.linalg.norm(truth.sources[:, None] - sources, axis=-1)
     errors = []
-    for i, k in pairs(distances, GATE_OF_RANGE * truth.ranges[:, None]):
+    for i, k in pair_within_gate(distances, GATE_OF_RANGE * truth.ranges[:, None]):
         plume, distance = plumes[k], float(distances[i, k])
         axis = truth_from_map.rotation @ plume.axis
         errors.append(
@@ -66,17 +66,17 @@ def plume_errors(
                     sources[k] - truth.sources[i],
                     truth_from_map.covariance(plume.source_covariance),
                 ),
-                axis_error_deg=float(np.degrees(_angle(axis, truth.axes[i]))),
+                axis_error_deg=float(np.degrees(_angle_between(axis, truth.axes[i]))),
             )
         )
     return errors
 
 
-def bearing_errors(bearings: Sequence[Bearing], truth: Truth) -> list[BearingError]:
+def bearing_errors(bearings: Sequence[Bearing], truth: SceneTruth) -> list[BearingError]:
     """Pairs bearings of a still camera with the true directions, within 10 degrees."""
     in_cam = truth.trajectory.world_to_cam(0, truth.sources)
     true = in_cam / np.linalg.norm(in_cam, axis=1, keepdims=True)
-    angles = np.array([[_angle(b.direction_in_cam, ray) for b in bearings] for ray in true])
+    angles = np.array([[_angle_between(b.direction_in_cam, ray) for b in bearings] for ray in true])
     return [
         BearingError(
             truth=i,
@@ -84,11 +84,11 @@ def bearing_errors(bearings: Sequence[Bearing], truth: Truth) -> list[BearingErr
             error_deg=float(np.degrees(angles[i, k])),
             sigmas=float(angles[i, k] / bearings[k].sigma_rad),
         )
-        for i, k in pairs(angles.reshape(len(true), len(bearings)), np.array(GATE_RAD))
+        for i, k in pair_within_gate(angles.reshape(len(true), len(bearings)), np.array(GATE_RAD))
     ]
 
 
-def pairs(cost: FloatArray, gate: FloatArray) -> list[tuple[int, int]]:
+def pair_within_gate(cost: FloatArray, gate: FloatArray) -> list[tuple[int, int]]:
     """The one-to-one pairs (row, column) of least total cost with every cost within its gate."""
     allowed = cost <= gate
     outside = 1.0 + cost[allowed].sum()
@@ -103,5 +103,5 @@ def _nees(error: FloatArray, covariance: FloatArray) -> float:
         return float("nan")
 
 
-def _angle(one: FloatArray, other: FloatArray) -> float:
+def _angle_between(one: FloatArray, other: FloatArray) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))

@@ -17,19 +17,19 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     table.add_column("quantity")
     table.add_column("value", justify="right")
     table.add_column("unit")
-    for section in (_answer(evaluation), _cameras(evaluation), _frames(evaluation)):
+    for section in (_plume_rows(evaluation), _camera_rows(evaluation), _frame_rows(evaluation)):
         for row in section:
             table.add_row(*row)
         table.add_section()
     return table
 
 
-def _unit(evaluation: Evaluation) -> str:
+def _unit_text(evaluation: Evaluation) -> str:
     return "m" if evaluation.units == "m" else "scene units"
 
 
-def _answer(evaluation: Evaluation) -> Iterator[Row]:
-    unit = _unit(evaluation)
+def _plume_rows(evaluation: Evaluation) -> Iterator[Row]:
+    unit = _unit_text(evaluation)
     for plume in evaluation.plumes:
         name = f"plume {plume.plume}"
         yield f"{name}: source error", f"{plume.error:.3f}", unit
@@ -44,17 +44,17 @@ def _answer(evaluation: Evaluation) -> Iterator[Row]:
     yield "false plumes", f"{len(evaluation.false_plumes)}", ""
 
 
-def _cameras(evaluation: Evaluation) -> Iterator[Row]:
+def _camera_rows(evaluation: Evaluation) -> Iterator[Row]:
     alignment = evaluation.alignment
     if alignment is None:
         return
     yield "frames in common", f"{alignment.frames}", ""
     yield "scale, truth over map", f"{alignment.truth_from_map.scale:.4f}", ""
-    yield "camera position rmse", f"{alignment.position_rmse:.4f}", _unit(evaluation)
+    yield "camera position rmse", f"{alignment.position_rmse:.4f}", _unit_text(evaluation)
     yield "camera rotation median", f"{alignment.rotation_median_deg:.3f}", "deg"
 
 
-def _frames(evaluation: Evaluation) -> Iterator[Row]:
+def _frame_rows(evaluation: Evaluation) -> Iterator[Row]:
     if not evaluation.frames:
         return
     median = evaluation.frame_median

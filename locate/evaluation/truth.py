@@ -34,7 +34,7 @@ class TruthFrame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Truth:
+class SceneTruth:
     """Ground truth of a scene.
 
     Attributes:

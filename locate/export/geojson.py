@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from locate.export.located import CONFIDENCE, LocatedPlume, located
+from locate.export.located import CONFIDENCE, LocatedPlume, plumes_on_earth
 from locate.map.plume import PlumeMap
 
 
@@ -28,16 +28,18 @@ def feature_collection(plume_map: PlumeMap) -> dict[str, Any]:
     Raises:
         ValueError: The map is not georeferenced.
     """
-    return collection_of(located(plume_map))
+    return collection_of(plumes_on_earth(plume_map))
 
 
 def collection_of(places: Sequence[LocatedPlume]) -> dict[str, Any]:
     """Likewise of places by themselves."""
-    features = [_source(place) for place in places] + [_ellipse(place) for place in places]
+    features = [_source_feature(place) for place in places] + [
+        _ellipse_feature(place) for place in places
+    ]
     return {"type": "FeatureCollection", "features": features}
 
 
-def _source(one: LocatedPlume) -> dict[str, Any]:
+def _source_feature(one: LocatedPlume) -> dict[str, Any]:
     position = [one.lon_deg, one.lat_deg]
     if one.ellipsoid_height_m is not None:
         position.append(one.ellipsoid_height_m)
@@ -49,7 +51,7 @@ def _source(one: LocatedPlume) -> dict[str, Any]:
     }
 
 
-def _ellipse(one: LocatedPlume) -> dict[str, Any]:
+def _ellipse_feature(one: LocatedPlume) -> dict[str, Any]:
     return {
         "type": "Feature",
         "geometry": {"type": "Polygon", "coordinates": [one.ellipse_lon_lat.tolist()]},

@@ -11,7 +11,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.georeference import HeightDatum
-from locate.export.located import CONFIDENCE, georeference_of, located
+from locate.export.located import CONFIDENCE, georeference_of, plumes_on_earth
 from locate.map.plume import PlumeMap
 
 APPLICATION_ID = 0x47504B47
@@ -55,7 +55,7 @@ def write_geopackage(path: Path, plume_map: PlumeMap) -> None:
     Raises:
         ValueError: The map is not georeferenced.
     """
-    plumes = located(plume_map)
+    plumes = plumes_on_earth(plume_map)
     with new_geopackage(path) as file:
         points_srs = add_reference_systems(file, georeference_of(plume_map).datum)
         positions = np.reshape([(p.lon_deg, p.lat_deg, p.height_m) for p in plumes], (-1, 3))
@@ -150,24 +150,24 @@ def add_layer(
 
 def point_blob(srs: int, lon_lat_height: FloatArray) -> bytes:
     """A point with a height."""
-    return _blob(srs, struct.pack("<I3d", POINT_Z, *lon_lat_height))
+    return _geometry_blob(srs, struct.pack("<I3d", POINT_Z, *lon_lat_height))
 
 
 def line_blob(lon_lat: FloatArray) -> bytes:
     """A line through (N, 2) places, WGS84."""
-    return _blob(WGS84_2D, struct.pack("<II", LINE, len(lon_lat)) + _corners(lon_lat))
+    return _geometry_blob(WGS84_2D, struct.pack("<II", LINE, len(lon_lat)) + _corner_bytes(lon_lat))
 
 
 def polygon_blob(ring_lon_lat: FloatArray) -> bytes:
     """A polygon of one closed (N, 2) ring, WGS84."""
     head = struct.pack("<III", POLYGON, 1, len(ring_lon_lat))
-    return _blob(WGS84_2D, head + _corners(ring_lon_lat))
+    return _geometry_blob(WGS84_2D, head + _corner_bytes(ring_lon_lat))
 
 
-def _blob(srs: int, body: bytes) -> bytes:
+def _geometry_blob(srs: int, body: bytes) -> bytes:
     """The GeoPackage header (little endian, no envelope) and well-known binary."""
     return b"GP" + struct.pack("<BBi", 0, 1, srs) + b"\x01" + body
 
 
-def _corners(lon_lat: FloatArray) -> bytes:
+def _corner_bytes(lon_lat: FloatArray) -> bytes:
     return np.ascontiguousarray(lon_lat, dtype="<f8").tobytes()

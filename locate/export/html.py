@@ -7,7 +7,7 @@ from pathlib import Path
 from string import Template
 
 
-def resource(name: str) -> str:
+def read_resource(name: str) -> str:
     """The text of a file of the package's data."""
     return (files("locate") / "data" / name).read_text(encoding="utf-8")
 
@@ -35,26 +35,26 @@ def write_page(
         fragments: HTML for the places in the body.
         scripts: HTML of the page's script elements.
     """
-    page = Template(resource("page/page.html")).substitute(
-        style=resource("page/style.css") + resource(f"{part}/style.css"),
+    page = Template(read_resource("page/page.html")).substitute(
+        style=read_resource("page/style.css") + read_resource(f"{part}/style.css"),
         kind=escape(kind),
         headline=escape(headline),
         lead=escape(lead),
         facts="".join(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts
         ),
-        body=Template(resource(f"{part}/body.html")).substitute(fragments),
+        body=Template(read_resource(f"{part}/body.html")).substitute(fragments),
         scripts=scripts,
     )
     path.write_text(page, encoding="utf-8")
 
 
-def items(sentences: Iterable[str]) -> str:
+def list_items(sentences: Iterable[str]) -> str:
     """Items of a list, each sentence once."""
     return "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
 
 
-def definitions(settings: Iterable[tuple[str, object]]) -> str:
+def definition_rows(settings: Iterable[tuple[str, object]]) -> str:
     """Rows of a table of names and values."""
     return "".join(
         f'<tr><th scope="row">{escape(name)}</th><td>{escape(str(value))}</td></tr>'
@@ -62,7 +62,9 @@ def definitions(settings: Iterable[tuple[str, object]]) -> str:
     )
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, named_rows: bool = False) -> str:
+def html_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, named_rows: bool = False
+) -> str:
     """A table that scrolls sideways where it is too wide.
 
     Args:
@@ -71,14 +73,14 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, named_rows: bo
         named_rows: The first cell of a row is its head.
     """
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
-    body = "".join(f"<tr>{_cells(row, named=named_rows)}</tr>" for row in rows)
+    body = "".join(f"<tr>{_row_cells(row, named=named_rows)}</tr>" for row in rows)
     return (
         f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
 
 
-def _cells(row: Sequence[str], *, named: bool) -> str:
+def _row_cells(row: Sequence[str], *, named: bool) -> str:
     cells = [f"<td>{escape(value)}</td>" for value in row]
     if named:
         cells[0] = f'<th scope="row">{escape(row[0])}</th>'

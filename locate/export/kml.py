@@ -3,7 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
-from locate.export.located import LocatedPlume, located
+from locate.export.located import LocatedPlume, plumes_on_earth
 from locate.map.plume import PlumeMap
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
@@ -20,17 +20,17 @@ def write_kml(path: Path, plume_map: PlumeMap) -> None:
     """
     kml = ElementTree.Element("kml", xmlns=NAMESPACE)
     document = ElementTree.SubElement(kml, "Document")
-    _add(document, "name", "Plumes")
-    _add(document, "description", "\n".join([plume_map.limit_text(), *plume_map.notes]))
+    _add_element(document, "name", "Plumes")
+    _add_element(document, "description", "\n".join([plume_map.limit_text(), *plume_map.notes]))
     _add_style(document)
-    for one in located(plume_map):
+    for one in plumes_on_earth(plume_map):
         _add_source(document, one)
         _add_ellipse(document, one)
     ElementTree.indent(kml)
     ElementTree.ElementTree(kml).write(path, encoding="utf-8", xml_declaration=True)
 
 
-def _add(parent: ElementTree.Element, tag: str, text: str = "") -> ElementTree.Element:
+def _add_element(parent: ElementTree.Element, tag: str, text: str = "") -> ElementTree.Element:
     child = ElementTree.SubElement(parent, tag)
     child.text = text or None
     return child
@@ -38,34 +38,34 @@ def _add(parent: ElementTree.Element, tag: str, text: str = "") -> ElementTree.E
 
 def _add_style(document: ElementTree.Element) -> None:
     style = ElementTree.SubElement(document, "Style", id="uncertainty")
-    _add(_add(style, "LineStyle"), "color", "ff0000ff")
-    _add(_add(style, "PolyStyle"), "color", "330000ff")
+    _add_element(_add_element(style, "LineStyle"), "color", "ff0000ff")
+    _add_element(_add_element(style, "PolyStyle"), "color", "330000ff")
 
 
 def _add_source(document: ElementTree.Element, one: LocatedPlume) -> None:
-    placemark = _add(document, "Placemark")
-    _add(placemark, "name", one.name)
-    _add(placemark, "description", one.sentence)
-    data = _add(placemark, "ExtendedData")
+    placemark = _add_element(document, "Placemark")
+    _add_element(placemark, "name", one.name)
+    _add_element(placemark, "description", one.sentence)
+    data = _add_element(placemark, "ExtendedData")
     for name, value in one.properties().items():
         item = ElementTree.SubElement(data, "Data", name=name)
-        _add(item, "value", str(value))
-    point = _add(placemark, "Point")
+        _add_element(item, "value", str(value))
+    point = _add_element(placemark, "Point")
     place = f"{one.lon_deg:.9f},{one.lat_deg:.9f}"
     if one.sea_height_m is None:
-        _add(point, "altitudeMode", "clampToGround")
-        _add(point, "coordinates", place)
+        _add_element(point, "altitudeMode", "clampToGround")
+        _add_element(point, "coordinates", place)
     else:
-        _add(point, "altitudeMode", "absolute")
-        _add(point, "coordinates", f"{place},{one.sea_height_m:.3f}")
+        _add_element(point, "altitudeMode", "absolute")
+        _add_element(point, "coordinates", f"{place},{one.sea_height_m:.3f}")
 
 
 def _add_ellipse(document: ElementTree.Element, one: LocatedPlume) -> None:
-    placemark = _add(document, "Placemark")
-    _add(placemark, "name", f"{one.name}, 95 %")
-    _add(placemark, "styleUrl", "#uncertainty")
-    polygon = _add(placemark, "Polygon")
-    _add(polygon, "altitudeMode", "clampToGround")
-    ring = _add(_add(polygon, "outerBoundaryIs"), "LinearRing")
+    placemark = _add_element(document, "Placemark")
+    _add_element(placemark, "name", f"{one.name}, 95 %")
+    _add_element(placemark, "styleUrl", "#uncertainty")
+    polygon = _add_element(placemark, "Polygon")
+    _add_element(polygon, "altitudeMode", "clampToGround")
+    ring = _add_element(_add_element(polygon, "outerBoundaryIs"), "LinearRing")
     corners = (f"{lon:.9f},{lat:.9f}" for lon, lat in one.ellipse_lon_lat)
-    _add(ring, "coordinates", " ".join(corners))
+    _add_element(ring, "coordinates", " ".join(corners))

@@ -37,7 +37,7 @@ def write_las(
     Raises:
         LocateError: The extra ``las`` is not installed.
     """
-    laspy = _laspy()
+    laspy = _import_laspy()
     header = laspy.LasHeader(version="1.4", point_format=POINT_FORMAT)
     header.generating_software = "plume-locate"
     for name in attributes or {}:
@@ -49,7 +49,7 @@ def write_las(
     header.vlrs.append(
         laspy.VLR("LASF_Spec", TEXT_AREA, "Text Area Descriptor", text.encode() + b"\0")
     )
-    positions = utm(georeference, points_in_enu)
+    positions = utm_positions(georeference, points_in_enu)
     header.scales = np.full(3, RESOLUTION_M)
     header.offsets = np.floor(positions.min(axis=0)) if len(positions) else np.zeros(3)
     cloud = laspy.LasData(header)
@@ -72,7 +72,7 @@ def utm_system(georeference: Georeference) -> Any:
     return CRS(code if vertical is None else f"{code}+{vertical}")
 
 
-def utm(georeference: Georeference, points_in_enu: FloatArray) -> FloatArray:
+def utm_positions(georeference: Georeference, points_in_enu: FloatArray) -> FloatArray:
     """(N, 3) easting, northing, and height in the datum of the georeference."""
     from pyproj import CRS, Transformer
 
@@ -84,7 +84,7 @@ def utm(georeference: Georeference, points_in_enu: FloatArray) -> FloatArray:
     return np.stack([easting, northing, height], axis=-1)
 
 
-def _laspy() -> Any:
+def _import_laspy() -> Any:
     try:
         return importlib.import_module("laspy")
     except ImportError as error:

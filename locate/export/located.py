@@ -91,7 +91,7 @@ def georeference_of(plume_map: PlumeMap) -> Georeference:
     return Georeference.from_dict(plume_map.georeference)
 
 
-def located(plume_map: PlumeMap) -> list[LocatedPlume]:
+def plumes_on_earth(plume_map: PlumeMap) -> list[LocatedPlume]:
     """The plumes of a map, in its order.
 
     Raises:
@@ -100,8 +100,8 @@ def located(plume_map: PlumeMap) -> list[LocatedPlume]:
     georeference = georeference_of(plume_map)
     sources = np.reshape([plume.source for plume in plume_map.plumes], (-1, 3))
     datum = georeference.datum
-    ellipsoidal = _heights(georeference, HeightDatum.ELLIPSOID, sources)
-    sea = _heights(georeference, datum if datum.is_sea_level else HeightDatum.EGM96, sources)
+    ellipsoidal = _heights_above(georeference, HeightDatum.ELLIPSOID, sources)
+    sea = _heights_above(georeference, datum if datum.is_sea_level else HeightDatum.EGM96, sources)
     return [
         LocatedPlume(
             plume=plume,
@@ -111,7 +111,7 @@ def located(plume_map: PlumeMap) -> list[LocatedPlume]:
             datum=datum,
             ellipsoid_height_m=ellipsoidal[i],
             sea_height_m=sea[i],
-            ellipse_lon_lat=_ellipse(plume, georeference),
+            ellipse_lon_lat=_confidence_ellipse(plume, georeference),
         )
         for i, (plume, (lat, lon, height)) in enumerate(
             zip(plume_map.plumes, georeference.lat_lon_height(sources), strict=True)
@@ -119,14 +119,14 @@ def located(plume_map: PlumeMap) -> list[LocatedPlume]:
     ]
 
 
-def _heights(
+def _heights_above(
     georeference: Georeference, datum: HeightDatum, points_in_enu: FloatArray
 ) -> list[float | None]:
     heights = georeference.heights_in(datum, points_in_enu)
     return [None] * len(points_in_enu) if heights is None else heights.tolist()
 
 
-def _ellipse(plume: Plume, georeference: Georeference) -> FloatArray:
+def _confidence_ellipse(plume: Plume, georeference: Georeference) -> FloatArray:
     angles = np.linspace(0.0, 2 * np.pi, ELLIPSE_POINTS + 1)
     variances, axes = np.linalg.eigh(plume.source_covariance[:2, :2])
     axes = axes * [1.0, np.linalg.det(axes)]  # a turn, no mirror: the ring runs counter-clockwise

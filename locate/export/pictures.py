@@ -36,10 +36,10 @@ def displacement_picture(displacement: FloatMap, full_scale_px: float | None = N
     full = max(largest_px if full_scale_px is None else full_scale_px, 1e-9)
     hsv = np.stack([hue, np.minimum(size / full, 1), np.ones_like(hue)], axis=-1)
     picture = np.rint(255 * cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)).astype(np.uint8)
-    return _labelled(picture, f"{largest_px:.2f} px")
+    return _add_label(picture, f"{largest_px:.2f} px")
 
 
-def overlay(image: GreyImage, llr: FloatMap, full_scale_nats: float) -> Picture:
+def overlay_evidence(image: GreyImage, llr: FloatMap, full_scale_nats: float) -> Picture:
     """(H, W, 3) a grey frame with the positive evidence laid over it."""
     layer = evidence_layer(llr, full_scale_nats).astype(np.float32)
     alpha = layer[..., 3:] / 255
@@ -49,18 +49,18 @@ def overlay(image: GreyImage, llr: FloatMap, full_scale_nats: float) -> Picture:
 def evidence_layer(llr: FloatMap, full_scale_nats: float) -> Picture:
     """(H, W, 4) the positive evidence: transparent at 0 nats, hot at `full_scale_nats`."""
     strength = np.clip(llr / full_scale_nats, 0.0, 1.0).astype(np.float32)
-    layer = np.dstack([heat(strength), np.zeros_like(strength, dtype=np.uint8)])
+    layer = np.dstack([heat_colours(strength), np.zeros_like(strength, dtype=np.uint8)])
     layer[..., 3] = (255 * FULL_ALPHA * np.minimum(1.0, 1.6 * strength)).astype(np.uint8)
     return layer
 
 
-def heat(strength: FloatMap) -> Picture:
+def heat_colours(strength: FloatMap) -> Picture:
     """(H, W, 3) of (H, W) values in 0 to 1; the dark end of the map is left out."""
     level = (80 + 170 * strength).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_INFERNO), dtype=np.uint8)
 
 
-def _labelled(picture: Picture, text: str) -> Picture:
+def _add_label(picture: Picture, text: str) -> Picture:
     height_px = max(LEAST_TEXT_PX, round(TEXT_HEIGHT * picture.shape[0]))
     place, scale = (height_px // 2, round(1.5 * height_px)), height_px / HERSHEY_PX
     stroke = max(1, round(scale))

@@ -38,7 +38,7 @@ def write_plumes_ply(
             f"{probability.shape=}, {displacement_px.shape=}, expected ({n},) for {n} points"
         )
     columns = np.column_stack([points_in_world, probability, displacement_px]).astype(np.float32)
-    o3d = _open3d() if n else None
+    o3d = _try_open3d() if n else None
     if o3d is None:
         path.write_bytes(_HEADER.format(n).encode() + columns.astype("<f4").tobytes())
         return
@@ -50,7 +50,7 @@ def write_plumes_ply(
         raise OSError(f"{path}: open3d could not write the point cloud")
 
 
-def _open3d() -> ModuleType | None:
+def _try_open3d() -> ModuleType | None:
     """open3d; None on a machine that lacks the graphics libraries it wants."""
     try:
         return load_open3d()

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from locate.export.located import LocatedPlume, located
+from locate.export.located import LocatedPlume, plumes_on_earth
 from locate.map.plume import PlumeMap
 
 CUP_FIELDS = "name,code,country,lat,lon,elev,style,rwdir,rwlen,freq,desc"
@@ -22,7 +22,7 @@ def write_cup(path: Path, plume_map: PlumeMap) -> None:
     Raises:
         ValueError: The map is not georeferenced.
     """
-    write_cup_places(path, located(plume_map))
+    write_cup_places(path, plumes_on_earth(plume_map))
 
 
 def write_cup_places(path: Path, places: Sequence[LocatedPlume]) -> None:
@@ -37,7 +37,7 @@ def write_gpx(path: Path, plume_map: PlumeMap) -> None:
     Raises:
         ValueError: The map is not georeferenced.
     """
-    write_gpx_places(path, located(plume_map))
+    write_gpx_places(path, plumes_on_earth(plume_map))
 
 
 def write_gpx_places(path: Path, places: Sequence[LocatedPlume]) -> None:
@@ -58,11 +58,11 @@ def write_gpx_places(path: Path, places: Sequence[LocatedPlume]) -> None:
 
 def _cup_line(one: LocatedPlume) -> str:
     height = "" if one.sea_height_m is None else f"{one.sea_height_m:.1f}m"
-    place = f"{_angle(one.lat_deg, 'NS', 2)},{_angle(one.lon_deg, 'EW', 3)},{height}"
+    place = f"{_cup_angle(one.lat_deg, 'NS', 2)},{_cup_angle(one.lon_deg, 'EW', 3)},{height}"
     return f'"{one.name}","P{one.plume.id}",,{place},{CUP_STYLE_WAYPOINT},,,,"{one.sentence}"'
 
 
-def _angle(degrees: float, hemispheres: str, width: int) -> str:
+def _cup_angle(degrees: float, hemispheres: str, width: int) -> str:
     """``DDMM.mmmN``; rounded as a whole, so that 59.9996 minutes carry into the degree."""
     thousandths = round(abs(degrees) * 60_000)
     whole, rest = divmod(thousandths, 60_000)

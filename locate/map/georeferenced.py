@@ -8,7 +8,7 @@ from geometry.georeference import Alignment, Georeference
 from locate.map.plume import Plume, PlumeMap
 
 
-def georeferenced(
+def georeference_map(
     plume_map: PlumeMap, alignment: Alignment, georeference: Georeference | None
 ) -> PlumeMap:
     """The map with the uncertainty of scale, rotation and origin in its plumes.
@@ -27,12 +27,12 @@ def georeferenced(
         block = georeference.to_dict() | alignment.to_dict()
     return replace(
         plume_map,
-        plumes=tuple(_widened(plume, alignment) for plume in plume_map.plumes),
+        plumes=tuple(_widen_covariance(plume, alignment) for plume in plume_map.plumes),
         georeference=block,
     )
 
 
-def _widened(plume: Plume, alignment: Alignment) -> Plume:
+def _widen_covariance(plume: Plume, alignment: Alignment) -> Plume:
     own = alignment.direction_sigma_rad(plume.axis)
     return replace(
         plume,

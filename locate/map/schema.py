@@ -110,11 +110,11 @@ def checked_fields(content: Any) -> dict[str, Any]:
     if checked.georeference is not None:
         fields["georeference"] = checked.georeference.model_dump(mode="json", exclude_unset=True)
     for group in ("plumes", "bearings"):
-        fields[group] = [_arrays(item) for item in fields[group]]
+        fields[group] = [_with_arrays(item) for item in fields[group]]
     return fields
 
 
-def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
+def _with_arrays(fields: dict[str, Any]) -> dict[str, Any]:
     return {
         name: np.reshape(np.asarray(value, dtype=float), _ARRAYS[name])
         if name in _ARRAYS

@@ -15,7 +15,7 @@ from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
-from locate.export.pictures import displacement_picture, overlay
+from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.journal.progress import Report, silent
 from locate.pipeline.run_folder import replace_text
 from locate.recording.frame_files import FrameFiles
@@ -126,7 +126,7 @@ def _look(
             _save(detection, output, label, threshold_nats)
             seen.append(Seen.of(label, detection, threshold_nats))
             if video is not None:
-                video.write(overlay(frames.images[index], detection.llr, LLR_MAX))
+                video.write(overlay_evidence(frames.images[index], detection.llr, LLR_MAX))
     report("detections", 1.0)
     return seen
 

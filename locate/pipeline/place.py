@@ -23,7 +23,7 @@ from geometry.georeference.fixes import positions_of_cameras
 from geometry.georeference.gravity import up_from_gimbal, up_from_ground
 from geometry.georeference.lengths import scale_from_height
 from geometry.trajectory import Trajectory
-from locate.map.georeferenced import georeferenced
+from locate.map.georeferenced import georeference_map
 from locate.map.plume import PlumeMap
 from locate.recording import KeyFrames
 from locate.telemetry import (
@@ -85,7 +85,7 @@ class Placement:
         """A map made in the new frame, with that frame's own uncertainty."""
         if self.alignment is None:
             return plume_map
-        return georeferenced(plume_map, self.alignment, self.georeference)
+        return georeference_map(plume_map, self.alignment, self.georeference)
 
     def summary(self) -> str:
         """What is known, in a few words."""

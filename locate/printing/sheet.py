@@ -71,7 +71,7 @@ def pdf_bytes(
     width, height = (side * PT_PER_MM for side in page_mm)
     dot = PT_PER_INCH / dpi
     content = f"q {columns * dot:.6f} 0 0 {rows * dot:.6f} 0 {height - rows * dot:.6f} cm /I Do Q"
-    content += "" if caption is None else _ruler(caption)
+    content += "" if caption is None else _ruler_content(caption)
     page = (
         f"<</Type/Page/Parent 2 0 R/MediaBox[0 0 {width:.6f} {height:.6f}]/Contents 4 0 R"
         "/Resources<</XObject<</I 5 0 R>>/Font<</F 6 0 R>>>>>>"
@@ -80,19 +80,19 @@ def pdf_bytes(
         f"/Type/XObject/Subtype/Image/Width {columns}/Height {rows}"
         "/ColorSpace/DeviceGray/BitsPerComponent 8/Interpolate false/Filter/FlateDecode"
     )
-    return _pdf(
+    return _assemble_pdf(
         [
             b"<</Type/Catalog/Pages 2 0 R>>",
             b"<</Type/Pages/Kids[3 0 R]/Count 1>>",
             page.encode(),
-            _stream("", content.encode()),
-            _stream(picture, zlib.compress(image.tobytes())),
+            _pdf_stream("", content.encode()),
+            _pdf_stream(picture, zlib.compress(image.tobytes())),
             b"<</Type/Font/Subtype/Type1/BaseFont/Helvetica>>",
         ]
     )
 
 
-def _ruler(caption: str) -> str:
+def _ruler_content(caption: str) -> str:
     left, base = 2 * CAPTION_MM * PT_PER_MM, CAPTION_MM * PT_PER_MM
     right = left + RULER_MM * PT_PER_MM
     text = caption.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
@@ -103,11 +103,11 @@ def _ruler(caption: str) -> str:
     )
 
 
-def _stream(entries: str, data: bytes) -> bytes:
+def _pdf_stream(entries: str, data: bytes) -> bytes:
     return f"<<{entries}/Length {len(data)}>>\nstream\n".encode() + data + b"\nendstream"
 
 
-def _pdf(objects: list[bytes]) -> bytes:
+def _assemble_pdf(objects: list[bytes]) -> bytes:
     file, offsets = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n", []
     for number, body in enumerate(objects, start=1):
         offsets.append(len(file))

@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from locate.export.located import ELLIPSE_SIGMAS
-from locate.export.pictures import heat
+from locate.export.pictures import heat_colours
 from locate.survey.cells import Cells
 from locate.survey.findings import Hotspot
 from locate.survey.model import Survey
@@ -72,7 +72,7 @@ def _png(strength: FloatArray) -> str:
     """Hot where 1, faint where 0, transparent where NaN; rows run from south to north."""
     level = np.clip(np.nan_to_num(strength[::-1]), 0, 1).astype(np.float32)
     alpha = np.where(np.isnan(strength[::-1]), 0, FAINTEST + (0.95 - FAINTEST) * np.sqrt(level))
-    picture = np.dstack([heat(level), np.rint(255 * alpha).astype(np.uint8)])
+    picture = np.dstack([heat_colours(level), np.rint(255 * alpha).astype(np.uint8)])
     _, content = cv2.imencode(".png", picture)
     return f"data:image/png;base64,{b64encode(content.tobytes()).decode()}"
 

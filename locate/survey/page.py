@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-from locate.export.html import definitions, items, resource, table, write_page
-from locate.export.table import probability
+from locate.export.html import definition_rows, html_table, list_items, read_resource, write_page
+from locate.export.table import probability_text
 from locate.survey.cells import Cells
 from locate.survey.drawing import drawing, layers_of
 from locate.survey.findings import Hotspot
@@ -26,10 +26,12 @@ def write_map_page(path: Path, survey: Survey, cells: Cells | None) -> None:
     fragments = {
         "choices": _choices([layer.label for layer in layers]),
         "map": drawing(survey, layers),
-        "hotspots": table(SPOT_HEADS, spots) if spots else "<p>None.</p>",
-        "flights": table(FLIGHT_HEADS, [_flight_row(survey, flight) for flight in survey.flights]),
-        "limits": items(_limits(survey)),
-        "settings": definitions(_settings(survey)),
+        "hotspots": html_table(SPOT_HEADS, spots) if spots else "<p>None.</p>",
+        "flights": html_table(
+            FLIGHT_HEADS, [_flight_row(survey, flight) for flight in survey.flights]
+        ),
+        "limits": list_items(_limits(survey)),
+        "settings": definition_rows(_settings(survey)),
     }
     write_page(
         path,
@@ -39,7 +41,7 @@ def write_map_page(path: Path, survey: Survey, cells: Cells | None) -> None:
         lead=_lead(survey, cells),
         facts=_facts(survey, cells),
         fragments=fragments,
-        scripts=f"<script>{resource('survey/map.js')}</script>",
+        scripts=f"<script>{read_resource('survey/map.js')}</script>",
     )
 
 
@@ -93,7 +95,7 @@ def _spot_row(place: LocatedHotspot) -> list[str]:
         f"{total.seen:.0f} of {total.looked:.0f}",
         f"{total.probability:.2f} ({total.low:.2f} to {total.high:.2f})",
         _by_bin(spot),
-        probability(spot.probability),
+        probability_text(spot.probability),
     ]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from geometry.covariance import standard_deviations
-from locate.export.located import LocatedPlume, located
+from locate.export.located import LocatedPlume, plumes_on_earth
 from locate.map.plume import Plume, PlumeMap
 from locate.survey.findings import Hotspot
 from locate.survey.model import Survey
@@ -70,7 +70,7 @@ def located_hotspots(survey: Survey) -> list[LocatedHotspot]:
     )
     return [
         LocatedHotspot(**vars(place), hotspot=spot)
-        for place, spot in zip(located(answer), survey.hotspots, strict=True)
+        for place, spot in zip(plumes_on_earth(answer), survey.hotspots, strict=True)
     ]
 
 

@@ -12,7 +12,7 @@ from rich.table import Table
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
-from locate.evaluation.plumes import pairs
+from locate.evaluation.plumes import pair_within_gate
 from locate.simulation.campaign import SCHEMA, Campaign
 from locate.survey.frame import offset_of
 from locate.survey.model import Survey
@@ -166,7 +166,7 @@ def score_survey(survey: Survey, folder: Path) -> SurveyScore:
 
 def _pairs(sites: FloatArray, spots: FloatArray) -> list[tuple[int, int]]:
     apart = np.linalg.norm((sites[:, None] - spots)[..., :2], axis=-1)
-    return pairs(apart, np.array(GATE_M))
+    return pair_within_gate(apart, np.array(GATE_M))
 
 
 def _nees(error: FloatArray, covariance: FloatArray) -> float:

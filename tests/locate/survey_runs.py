@@ -15,7 +15,7 @@ from geometry.georeference.constraints import point_jacobian
 from geometry.grid import Box, EvidenceGrid
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.map.georeferenced import georeferenced
+from locate.map.georeferenced import georeference_map
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.decide import save_grid
@@ -100,7 +100,7 @@ def answer(flown: Flown, place: Georeference) -> PlumeMap:
         located=True,
         sources=(),
     )
-    return georeferenced(plume_map(*plumes), alignment, place)
+    return georeference_map(plume_map(*plumes), alignment, place)
 
 
 def over_the_field(flown: Flown, place: Georeference, frames: int = 10) -> Trajectory:

@@ -9,7 +9,7 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference
 from geometry.georeference.gravity import up_from_gimbal
 from locate.cli import app
-from locate.evaluation.truth import Truth
+from locate.evaluation.truth import SceneTruth
 from locate.simulation import Campaign, Scene, simulate_campaign
 from locate.simulation.campaign import Flight, Site
 from locate.simulation.paths import fly
@@ -55,7 +55,7 @@ def test_our_own_reader_finds_the_cameras_in_the_subtitles(rendered):
     truth = json.loads((rendered / "truth.json").read_text())
     place = Georeference.from_dict(truth["origin"])
     for flight in truth["flights"]:
-        cameras = Truth.load(rendered / flight["truth"]).trajectory
+        cameras = SceneTruth.load(rendered / flight["truth"]).trajectory
         track = read_telemetry(rendered / flight["telemetry"])
         assert track.kind == "DJI SRT"
         assert track.times_s == pytest.approx(cameras.times_s)
@@ -76,7 +76,7 @@ def test_truth_says_which_column_stood_where(rendered):
         drifted = np.array([2, 20, 3]) + 3 * np.array([*flight["wind_mps"], 0])
         assert roof["source"] == pytest.approx(drifted)
         assert place.enu(roof["lat_lon_height"])[0] == pytest.approx(drifted, abs=1e-4)
-        assert Truth.load(rendered / flight["truth"]).sources == pytest.approx(drifted[None])
+        assert SceneTruth.load(rendered / flight["truth"]).sources == pytest.approx(drifted[None])
 
 
 def test_a_flight_more_leaves_the_others_alone(rendered):

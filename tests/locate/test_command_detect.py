@@ -18,7 +18,7 @@ from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.npz import read_npz
 from locate.commands.detect import detect
-from locate.export.pictures import displacement_picture, overlay
+from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.pipeline import run as pipeline
 from locate.pipeline.config import RunConfig
 from locate.pipeline.frame_by_frame import look
@@ -240,7 +240,7 @@ def test_overlay_shows_the_frame_where_nothing_speaks_for_a_plume() -> None:
     image = texture()
     llr = np.full(image.shape, -1.0, np.float32)
     llr[BLOB] = 4.0
-    picture = overlay(image, llr, 4.0)
+    picture = overlay_evidence(image, llr, 4.0)
     assert (picture[30:] == image[30:, :, None]).all()
     assert (picture[BLOB][..., 2] > 200).all()
 

@@ -15,7 +15,7 @@ from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate
 from locate.evaluation.alignment import align_trajectories
-from locate.evaluation.plumes import pairs
+from locate.evaluation.plumes import pair_within_gate
 from locate.evaluation.table import evaluation_table
 from locate.map.plume import Bearing
 from tests.locate.answers import SOURCE, orbit, plume, plume_map
@@ -140,7 +140,7 @@ def test_no_plume_and_none_found_is_all_right(tmp_path: Path) -> None:
 
 def test_pairs_prefer_more_matches_over_nearer_ones() -> None:
     cost = np.array([[0.1, 0.9], [0.0, 5.0]])
-    assert pairs(cost, np.full((2, 1), 1.0)) == [(0, 1), (1, 0)]
+    assert pair_within_gate(cost, np.full((2, 1), 1.0)) == [(0, 1), (1, 0)]
 
 
 def test_frame_scores_tell_good_evidence_from_none(tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ from geometry.similarity import Similarity
 from locate.export.geojson import write_geojson
 from locate.export.geopackage import write_geopackage
 from locate.export.kml import write_kml
-from locate.export.las import utm, write_las
-from locate.export.located import located
+from locate.export.las import utm_positions, write_las
+from locate.export.located import plumes_on_earth
 from locate.export.waypoints import write_cup, write_gpx
-from locate.map.georeferenced import georeferenced
+from locate.map.georeferenced import georeference_map
 from locate.map.plume import PlumeMap
 from tests.geometry.surveys import looking_down, strips, survey
 from tests.locate.answers import plume, plume_map
@@ -90,7 +90,7 @@ def test_gdal_reads_the_geojson(tmp_path: Path) -> None:
 
 
 def test_the_ellipse_holds_the_horizontal_error_at_95_percent() -> None:
-    one = located(answer())[0]
+    one = plumes_on_earth(answer())[0]
     ring = helsinki().enu(
         np.column_stack([one.ellipse_lon_lat[:, ::-1], np.full(len(one.ellipse_lon_lat), 14.5)])
     )
@@ -103,7 +103,7 @@ def test_the_ellipse_holds_the_horizontal_error_at_95_percent() -> None:
 def test_an_ellipse_over_the_date_line_does_not_jump() -> None:
     at_180 = Georeference.at([-17.0, 179.99999995, 0.0], HeightDatum.ELLIPSOID, "Fiji")
     wide = plume(np.zeros(3), source_covariance=np.eye(3))
-    ring = located(plume_map(wide, georeference=at_180.to_dict()))[0].ellipse_lon_lat
+    ring = plumes_on_earth(plume_map(wide, georeference=at_180.to_dict()))[0].ellipse_lon_lat
     assert np.ptp(ring[:, 0]) < 1e-3
 
 
@@ -234,7 +234,7 @@ def test_laspy_reads_the_cloud(
     horizontal = system.sub_crs_list[0] if system.is_compound else system
     assert horizontal.to_epsg() == 32635
     assert vertical is None or system.sub_crs_list[1].name == vertical
-    np.testing.assert_allclose(cloud.xyz, utm(helsinki(datum), points), atol=6e-4)
+    np.testing.assert_allclose(cloud.xyz, utm_positions(helsinki(datum), points), atol=6e-4)
     np.testing.assert_allclose(cloud["probability"], probability, atol=1e-6)
     assert any(str(datum) in str(vlr.record_data_bytes()) for vlr in cloud.vlrs)
 
@@ -242,7 +242,7 @@ def test_laspy_reads_the_cloud(
 def test_utm_is_a_map_projection_of_the_right_place() -> None:
     """On the central meridian the scale is 0.9996 and grid north is true north."""
     frame = Georeference.at([0.0, 27.0, 0.0], HeightDatum.ELLIPSOID, "equator")
-    east, north, up = utm(frame, np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]])).T
+    east, north, up = utm_positions(frame, np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]])).T
     assert [east[0], north[0], up[0]] == pytest.approx([500_000, 0, 0], abs=1e-6)
     assert east[1] - east[0] == pytest.approx(99.96, abs=1e-3)
 
@@ -278,7 +278,7 @@ def aligned() -> Alignment:
 def test_a_georeferenced_map_carries_the_uncertainty_of_its_frame(tmp_path: Path) -> None:
     alignment = aligned()
     before = plume_map(plume(SOURCES[0]))
-    after = georeferenced(before, alignment, helsinki())
+    after = georeference_map(before, alignment, helsinki())
     added = after.plumes[0].source_covariance - before.plumes[0].source_covariance
     np.testing.assert_allclose(added, alignment.position_covariances(SOURCES[:1])[0])
     assert after.plumes[0].axis_sigma_rad > before.plumes[0].axis_sigma_rad

@@ -189,7 +189,7 @@ def test_evidence_is_drawn_where_it_is_and_nowhere_else() -> None:
 
 def test_the_ellipsoid_lies_at_its_sigma() -> None:
     covariance = plume().source_covariance
-    vertices, triangles = shapes.ellipsoid(SOURCE, covariance, 2.0)
+    vertices, triangles = shapes.ellipsoid_surface(SOURCE, covariance, 2.0)
     offset = vertices - SOURCE
     distances = np.einsum("vi,ij,vj->v", offset, np.linalg.inv(covariance), offset)
     np.testing.assert_allclose(distances, 4.0, rtol=1e-6)
@@ -198,7 +198,7 @@ def test_the_ellipsoid_lies_at_its_sigma() -> None:
 
 def test_frusta_look_where_the_cameras_look() -> None:
     trajectory = orbit()
-    wire = shapes.frusta(trajectory, np.array([3]), 0.5)
+    wire = shapes.camera_frusta(trajectory, np.array([3]), 0.5)
     depth = trajectory.world_to_cam(3, wire[:4])
     np.testing.assert_allclose(depth[:, 2], 0.5)
     np.testing.assert_allclose(trajectory.camera.project(depth)[2], [63.0, 47.0], atol=1e-6)

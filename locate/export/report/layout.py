@@ -13,7 +13,7 @@ CAMERA_COLOR = "#0072b2"
 POINT_COLOR = "#8a8f98"
 
 
-def bounds(
+def scene_bounds(
     plume_map: PlumeMap, centers: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """The box to draw: all cameras and plumes, and the sparse points around them."""
@@ -33,7 +33,7 @@ def bounds(
     return core.min(axis=0) - margin, core.max(axis=0) + margin
 
 
-def layout(
+def scene_layout(
     plume_map: PlumeMap, low: FloatArray, high: FloatArray, centers: FloatArray
 ) -> dict[str, Any]:
     """Axes of one scale, legend, buttons and viewpoint of the scene between `low` and `high`."""
@@ -52,7 +52,7 @@ def layout(
         "scene": {
             **axes,
             "aspectmode": "manual",
-            "aspectratio": _proportions(low, high),
+            "aspectratio": _box_proportions(low, high),
             "camera": _viewpoint(low, high, centers),
         },
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
@@ -82,7 +82,7 @@ def _close_ups(
         margin = 0.35 * plume.extent_high + 2 * plume.principal_sigmas[0]
         boxes[f"Plume {plume.id}"] = (ends.min(axis=0) - margin, ends.max(axis=0) + margin)
     buttons = [
-        {"label": name, "method": "relayout", "args": [_zoom(near, far)]}
+        {"label": name, "method": "relayout", "args": [_zoom_update(near, far)]}
         for name, (near, far) in boxes.items()
     ]
     place = {"x": 0.01, "xanchor": "left", "y": 0.98, "yanchor": "top"}
@@ -91,14 +91,14 @@ def _close_ups(
     )
 
 
-def _zoom(low: FloatArray, high: FloatArray) -> dict[str, Any]:
+def _zoom_update(low: FloatArray, high: FloatArray) -> dict[str, Any]:
     ranges = {
         f"scene.{key}axis.range": [float(low[k]), float(high[k])] for k, key in enumerate("xyz")
     }
-    return ranges | {"scene.aspectratio": _proportions(low, high)}
+    return ranges | {"scene.aspectratio": _box_proportions(low, high)}
 
 
-def _proportions(low: FloatArray, high: FloatArray) -> dict[str, float]:
+def _box_proportions(low: FloatArray, high: FloatArray) -> dict[str, float]:
     """Sides of the box with the volume of a unit cube, so that a metre is a metre on each axis."""
     sides = high - low
     return dict(zip("xyz", (sides / np.cbrt(np.prod(sides))).tolist(), strict=True))

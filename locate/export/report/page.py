@@ -11,7 +11,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.trajectory import Trajectory
-from locate.export.html import definitions, items, resource, table, write_page
+from locate.export.html import definition_rows, html_table, list_items, read_resource, write_page
 from locate.export.report import pictures, scene, words
 from locate.export.table import answer_rows
 from locate.journal.costs import StageTime
@@ -64,16 +64,16 @@ def write_report(
     """
     spatial = None
     if trajectory is not None:
-        spatial = scene.figure(
+        spatial = scene.scene_figure(
             plume_map, trajectory, points_in_world, voxels_in_world, voxel_probability
         )
     fragments = {
-        "scene": "" if spatial is None else resource("report/scene.html"),
-        "pictures": _pictures(frames, plume_map),
+        "scene": "" if spatial is None else read_resource("report/scene.html"),
+        "pictures": _frame_gallery(frames, plume_map),
         "table": _answer_table(plume_map),
-        "limits": items([*words.limits(plume_map, trajectory), *notes]),
+        "limits": list_items([*words.limits(plume_map, trajectory), *notes]),
         "stages": _stage_table(stages),
-        "settings": definitions(settings.items()),
+        "settings": definition_rows(settings.items()),
     }
     write_page(
         path,
@@ -83,18 +83,18 @@ def write_report(
         lead=words.lead(plume_map),
         facts=words.facts(plume_map, trajectory),
         fragments=fragments,
-        scripts="" if spatial is None else _scripts(spatial),
+        scripts="" if spatial is None else _page_scripts(spatial),
     )
 
 
-def _scripts(spatial: dict[str, Any]) -> str:
+def _page_scripts(spatial: dict[str, Any]) -> str:
     from plotly.offline import get_plotlyjs
 
     figure = json.dumps(spatial, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     return (
         f"<script>{get_plotlyjs()}</script>\n"
         f'<script type="application/json" id="figure">{figure}</script>\n'
-        f"<script>{resource('report/scene.js')}</script>"
+        f"<script>{read_resource('report/scene.js')}</script>"
     )
 
 
@@ -107,7 +107,7 @@ def _answer_table(plume_map: PlumeMap) -> str:
     rows = [
         [what, *(column.get((what, unit), "") for column in values), unit] for what, unit in labels
     ]
-    return table(["Quantity", *(name for name, _ in columns), "Unit"], rows, named_rows=True)
+    return html_table(["Quantity", *(name for name, _ in columns), "Unit"], rows, named_rows=True)
 
 
 def _stage_table(stages: Sequence[StageTime]) -> str:
@@ -125,10 +125,10 @@ def _stage_table(stages: Sequence[StageTime]) -> str:
     )
 
 
-def _pictures(frames: Sequence[ReportFrame], plume_map: PlumeMap) -> str:
+def _frame_gallery(frames: Sequence[ReportFrame], plume_map: PlumeMap) -> str:
     scale = pictures.full_scale_nats([frame.llr for frame in frames])
     gradient = ", ".join(pictures.heat_stops())
-    shown = "".join(_picture(frame, scale, plume_map) for frame in frames)
+    shown = "".join(_frame_figure(frame, scale, plume_map) for frame in frames)
     if not shown:
         return "<p>No frames were kept for this page.</p>"
     return (
@@ -139,12 +139,12 @@ def _pictures(frames: Sequence[ReportFrame], plume_map: PlumeMap) -> str:
     )
 
 
-def _picture(frame: ReportFrame, scale: float, plume_map: PlumeMap) -> str:
+def _frame_figure(frame: ReportFrame, scale: float, plume_map: PlumeMap) -> str:
     size = pictures.fitted_size(frame.image)
     seen = [str(plume.id) for plume in plume_map.plumes if frame.index in plume.views]
     caption = f"Frame {frame.index}" + (f", sees plume {', '.join(seen)}" if seen else "")
     height, width = frame.image.shape
-    marks = "" if frame.source_px is None else _marks(frame.source_px, width)
+    marks = "" if frame.source_px is None else _source_marks(frame.source_px, width)
     return (
         f'<figure><div class="stack" style="aspect-ratio:{width}/{height}">'
         f'<img src="{pictures.frame_uri(frame.image)}" alt="{escape(caption)}, as filmed">'
@@ -154,7 +154,7 @@ def _picture(frame: ReportFrame, scale: float, plume_map: PlumeMap) -> str:
     )
 
 
-def _marks(source_px: FloatArray, width: int) -> str:
+def _source_marks(source_px: FloatArray, width: int) -> str:
     radius = width / 60
     points = source_px.reshape(-1, 2)
     visible = points[np.isfinite(points).all(axis=1)]

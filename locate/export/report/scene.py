@@ -20,7 +20,7 @@ MAX_POINTS, MAX_VOXELS, MAX_FRUSTA = 8000, 8000, 36
 Trace = dict[str, Any]
 
 
-def figure(
+def scene_figure(
     plume_map: PlumeMap,
     trajectory: Trajectory,
     points_in_world: FloatArray,
@@ -29,47 +29,49 @@ def figure(
 ) -> dict[str, Any]:
     """``{"data": traces, "layout": layout}`` for ``Plotly.newPlot``."""
     centers = trajectory.centers_in_world
-    low, high = layout.bounds(plume_map, centers, points_in_world)
+    low, high = layout.scene_bounds(plume_map, centers, points_in_world)
     inside = ((points_in_world >= low) & (points_in_world <= high)).all(axis=1)
     size = 0.03 * float(np.linalg.norm(high - low))
     traces = [
-        _points(points_in_world[inside]),
-        *_cameras(trajectory, size),
-        *_voxels(voxels_in_world, voxel_probability),
+        _point_trace(points_in_world[inside]),
+        *_camera_traces(trajectory, size),
+        *_voxel_traces(voxels_in_world, voxel_probability),
     ]
     for plume in plume_map.plumes:
-        traces += _plume(plume, plume_map.unit_name)
-    return {"data": traces, "layout": layout.layout(plume_map, low, high, centers)}
+        traces += _plume_traces(plume, plume_map.unit_name)
+    return {"data": traces, "layout": layout.scene_layout(plume_map, low, high, centers)}
 
 
-def _points(points: FloatArray) -> Trace:
+def _point_trace(points: FloatArray) -> Trace:
     step = max(1, -(-len(points) // MAX_POINTS))
-    return _scatter(points[::step], name="scene points", size=1.3, color=POINT_COLOR) | {
+    return _scatter_trace(points[::step], name="scene points", size=1.3, color=POINT_COLOR) | {
         "hoverinfo": "skip"
     }
 
 
-def _cameras(trajectory: Trajectory, size: float) -> list[Trace]:
+def _camera_traces(trajectory: Trajectory, size: float) -> list[Trace]:
     n = len(trajectory)
     rows = np.unique(np.linspace(0, n - 1, min(n, MAX_FRUSTA)).astype(np.int64))
     centers = trajectory.centers_in_world
-    path = _line(centers, name="camera path", color=CAMERA_COLOR, width=5) | {
+    path = _line_trace(centers, name="camera path", color=CAMERA_COLOR, width=5) | {
         "customdata": trajectory.indices.tolist(),
         "hovertemplate": "frame %{customdata}<extra></extra>",
         "legendgroup": "camera",
     }
-    wires = _line(shapes.frusta(trajectory, rows, size), name="", color=CAMERA_COLOR, width=1.5)
+    wires = _line_trace(
+        shapes.camera_frusta(trajectory, rows, size), name="", color=CAMERA_COLOR, width=1.5
+    )
     return [path, wires | {"hoverinfo": "skip", "showlegend": False, "legendgroup": "camera"}]
 
 
-def _voxels(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
+def _voxel_traces(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
     if len(voxels) == 0:
         return []
     strongest = np.argsort(probability)[::-1][:MAX_VOXELS]
     size, opacity = (2.2, 0.2) if len(strongest) > 1000 else (4.0, 0.45)
-    trace = _scatter(voxels[strongest], name="evidence", size=size, color="")
+    trace = _scatter_trace(voxels[strongest], name="evidence", size=size, color="")
     trace["marker"] |= {
-        "color": _packed(probability[strongest]),
+        "color": _typed_array(probability[strongest]),
         "colorscale": _COLORSCALE,
         "cmin": 0,
         "cmax": 1,
@@ -87,42 +89,48 @@ def _voxels(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
     return [trace]
 
 
-def _plume(plume: Plume, unit: str) -> list[Trace]:
+def _plume_traces(plume: Plume, unit: str) -> list[Trace]:
     color = PLUME_COLORS[(plume.id - 1) % len(PLUME_COLORS)]
     group = {"legendgroup": f"plume {plume.id}"}
     x, y, z = plume.source
     place = f"plume {plume.id}<br>{x:.3f}, {y:.3f}, {z:.3f} {unit}"
-    source = _scatter(plume.source[None], name=f"source {plume.id}", size=4, color=color) | {
+    source = _scatter_trace(plume.source[None], name=f"source {plume.id}", size=4, color=color) | {
         "hovertemplate": f"{place}<extra></extra>",
         "showlegend": False,
     }
     traces = [source]
     if len(plume.radius_by_height) > 1:
-        traces.append(_mesh(*shapes.column(plume), f"plume {plume.id}", color, 0.28))
-    ball = shapes.ellipsoid(plume.source, plume.source_covariance, N_SIGMA)
-    traces.append(_mesh(*ball, f"source {plume.id}, {N_SIGMA:.0f} sigma", color, 0.55))
+        traces.append(_mesh_trace(*shapes.plume_surface(plume), f"plume {plume.id}", color, 0.28))
+    ball = shapes.ellipsoid_surface(plume.source, plume.source_covariance, N_SIGMA)
+    traces.append(_mesh_trace(*ball, f"source {plume.id}, {N_SIGMA:.0f} sigma", color, 0.55))
     axis = plume.points_on_axis(np.array([0.0, plume.extent_high]))
     traces.append(
-        _line(axis, name="", color=color, width=4) | {"showlegend": False, "hoverinfo": "skip"}
+        _line_trace(axis, name="", color=color, width=4)
+        | {"showlegend": False, "hoverinfo": "skip"}
     )
     return [trace | group for trace in traces]
 
 
-def _scatter(points: FloatArray, *, name: str, size: float, color: str) -> Trace:
+def _scatter_trace(points: FloatArray, *, name: str, size: float, color: str) -> Trace:
     marker = {"size": size, "color": color, "line": {"width": 0}}
-    return _xyz(points) | {"type": "scatter3d", "mode": "markers", "name": name, "marker": marker}
+    return _xyz_arrays(points) | {
+        "type": "scatter3d",
+        "mode": "markers",
+        "name": name,
+        "marker": marker,
+    }
 
 
-def _line(points: FloatArray, *, name: str, color: str, width: float) -> Trace:
+def _line_trace(points: FloatArray, *, name: str, color: str, width: float) -> Trace:
     line = {"color": color, "width": width}
-    return _xyz(points) | {"type": "scatter3d", "mode": "lines", "name": name, "line": line}
+    return _xyz_arrays(points) | {"type": "scatter3d", "mode": "lines", "name": name, "line": line}
 
 
-def _mesh(
+def _mesh_trace(
     vertices: FloatArray, triangles: NDArray[np.int64], name: str, color: str, opacity: float
 ) -> Trace:
-    corners = {key: _packed(triangles[:, k]) for k, key in enumerate("ijk")}
-    return _xyz(vertices) | {
+    corners = {key: _typed_array(triangles[:, k]) for k, key in enumerate("ijk")}
+    return _xyz_arrays(vertices) | {
         "type": "mesh3d",
         **corners,
         "name": name,
@@ -134,11 +142,11 @@ def _mesh(
     }
 
 
-def _xyz(points: FloatArray) -> Trace:
-    return {key: _packed(points[:, k]) for k, key in enumerate("xyz")}
+def _xyz_arrays(points: FloatArray) -> Trace:
+    return {key: _typed_array(points[:, k]) for k, key in enumerate("xyz")}
 
 
-def _packed(values: NDArray[Any]) -> dict[str, str]:
+def _typed_array(values: NDArray[Any]) -> dict[str, str]:
     """A typed array as plotly.js reads it."""
     kind = "i4" if values.dtype.kind == "i" else "f4"
     data = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()

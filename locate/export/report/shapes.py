@@ -9,7 +9,7 @@ from locate.map.plume import Plume
 AROUND = 32
 
 
-def frusta(trajectory: Trajectory, rows: IntArray, size: float) -> FloatArray:
+def camera_frusta(trajectory: Trajectory, rows: IntArray, size: float) -> FloatArray:
     """(K, 3) polyline of the camera pyramids of the given rows, NaN between strokes.
 
     Args:
@@ -30,17 +30,17 @@ def frusta(trajectory: Trajectory, rows: IntArray, size: float) -> FloatArray:
     return np.concatenate([wire @ trajectory.rotations[i] + centers[i] for i in rows])
 
 
-def column(plume: Plume) -> tuple[FloatArray, IntArray]:
+def plume_surface(plume: Plume) -> tuple[FloatArray, IntArray]:
     """The surface of a plume: vertices (V, 3) and triangles (T, 3)."""
     heights, radii = plume.radius_by_height.T
-    side, other = _across(plume.axis)
+    side, other = _perpendicular_axes(plume.axis)
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
     circle = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other
     rings = plume.points_on_axis(heights)[:, None] + radii[:, None, None] * circle
-    return rings.reshape(-1, 3), _strip(len(heights))
+    return rings.reshape(-1, 3), _ring_triangles(len(heights))
 
 
-def ellipsoid(
+def ellipsoid_surface(
     center: FloatArray, covariance: FloatArray, n_sigma: float
 ) -> tuple[FloatArray, IntArray]:
     """The surface `n_sigma` from `center`: vertices (V, 3) and triangles (T, 3)."""
@@ -56,17 +56,17 @@ def ellipsoid(
         axis=-1,
     )
     stretched = n_sigma * ball.reshape(-1, 3) * np.sqrt(np.maximum(variances, 0.0))
-    return center + stretched @ axes.T, _strip(len(polar))
+    return center + stretched @ axes.T, _ring_triangles(len(polar))
 
 
-def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _perpendicular_axes(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
     least = np.eye(3)[np.argmin(np.abs(axis))]
     side = np.cross(axis, least)
     side /= np.linalg.norm(side)
     return side, np.cross(axis, side)
 
 
-def _strip(rings: int) -> IntArray:
+def _ring_triangles(rings: int) -> IntArray:
     """Triangles between `rings` rings of AROUND vertices."""
     here = np.arange((rings - 1) * AROUND)
     beside = here - here % AROUND + (here + 1) % AROUND

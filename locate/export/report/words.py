@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from geometry.trajectory import Trajectory
-from locate.export.table import probability
+from locate.export.table import probability_text
 from locate.map.plume import PlumeMap
 
 LIKE = {"lower": "hot air, hydrogen and helium", "higher": "cold air, methane and propane"}
@@ -30,7 +30,7 @@ def lead(plume_map: PlumeMap) -> str:
         subject = "It rises" if len(plume_map.plumes) == 1 else "The strongest rises"
         return (
             f"{subject} from {place} {unit}, give or take {sigma:.{decimals}f} {unit} (1 sigma in "
-            f"the least certain direction), with probability {probability(best.probability)}."
+            f"the least certain direction), with probability {probability_text(best.probability)}."
         )
     if plume_map.bearings:
         return "The camera stood still: one viewpoint gives directions, not positions."
