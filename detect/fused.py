@@ -6,6 +6,8 @@ from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX, LLR_MIN
 from geometry.arrays import FloatMap
 
+SEPARATOR = "+"
+"""Joins the names of two detectors."""
 SHARED = 0.5
 """Correlation that the errors of two detectors on one frame are taken to have."""
 
@@ -26,7 +28,7 @@ class FusedDetector:
     """
 
     def __init__(self, first: Detector, second: Detector, *, shared: float = SHARED) -> None:
-        self.name = f"{first.name}+{second.name}"
+        self.name = f"{first.name}{SEPARATOR}{second.name}"
         self.response = first.response
         self._first, self._second = first, second
         self._shared = shared

@@ -1,20 +1,108 @@
-"""Which detector a name means."""
+"""Which detectors a stored name means."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
-import detect
-from detect.bos import BosDetector
 from detect.detection import Detector
-from detect.fused import FusedDetector
-from detect.registered import RegisteredDetector
+from detect.fused import SEPARATOR, FusedDetector
+from detect.kinds import (
+    BOS,
+    DYBS,
+    REGISTERED,
+    REGISTERED_PLAIN,
+    DetectorInputs,
+    DetectorKind,
+    PlumeReliability,
+)
 from geometry.arrays import FloatArray, GreyImage
-from geometry.errors import BadInputError
 
-DETECT = Path(detect.__file__).parent
-DYBS_WEIGHTS = DETECT / "dybs" / "weights" / "lite-fast.onnx"
-REGISTERED_WEIGHTS = DETECT / "registered" / "weights" / "registered.onnx"
-PLAIN = "registered-plain"
-CLUTTER_NATS = 5.0
+KINDS = {kind.name: kind for kind in (REGISTERED, REGISTERED_PLAIN, BOS, DYBS)}
+
+
+@dataclass(frozen=True)
+class DetectorChoice:
+    """A detector, or one that another helps.
+
+    Attributes:
+        parts: One or two; the first decides what a plume must show, weights given are the last's.
+    """
+
+    parts: tuple[DetectorKind, ...]
+
+    @classmethod
+    def parse(cls, name: str) -> Self:
+        """The choice of that name; ``a+b`` is a, helped by b.
+
+        A detector of an unknown name has no rules of its own, and cannot be made.
+        """
+        parts = name.split(SEPARATOR, maxsplit=1)
+        return cls(tuple(KINDS.get(part) or DetectorKind(name=part) for part in parts))
+
+    @property
+    def name(self) -> str:
+        """As stored in index.json and map.json."""
+        return SEPARATOR.join(part.name for part in self.parts)
+
+    @property
+    def clutter_nats(self) -> float:
+        """What a plume must have for every view that was summed."""
+        return self.parts[0].clutter_nats
+
+    @property
+    def reliability(self) -> PlumeReliability | None:
+        """Caps the probability of plumes, where it is known."""
+        return self.parts[0].reliability
+
+    @property
+    def takes_weights(self) -> bool:
+        """Whether a file of weights may be given."""
+        return self.parts[-1].takes_weights
+
+    def helped_by_dybs(self, weights: Path | None) -> Self:
+        """The same, helped by the single-frame detector where that has weights."""
+        helper = KINDS[DYBS.name]
+        if helper.find_weights(weights) is None:
+            return self
+        return type(self)((*self.parts, helper))
+
+    def weight_files(self, weights: Path | None) -> list[Path]:
+        """The files that `make` reads."""
+        found = [part.find_weights(given) for part, given in self._weights_given(weights)]
+        return [path for path in found if path is not None]
+
+    def empty_frames_note(self, empty: int, frames: int) -> str | None:
+        """What to note where `empty` of the frames hold no evidence; None where nothing is."""
+        note = self.parts[0].empty_frames_note
+        return note.format(empty=empty, frames=frames) if empty and note else None
+
+    def make(
+        self,
+        *,
+        neighbours: int = 8,
+        points_in_world: FloatArray | None = None,
+        reference: GreyImage | None = None,
+        weights: Path | None = None,
+    ) -> Detector:
+        """The detector itself.
+
+        Args:
+            neighbours: How many other frames ``registered`` compares each with.
+            points_in_world: (N, 3) sparse points of the scene, for ``registered``.
+            reference: (H, W), the view without plume, for ``bos``.
+            weights: An .onnx file for the last part; None takes what is installed.
+
+        Raises:
+            BadInputError: There is no such detector, or its weights are missing or not its own.
+        """
+        inputs = DetectorInputs(
+            neighbours=neighbours, points_in_world=points_in_world, reference=reference
+        )
+        first, *helpers = (part.make(inputs, given) for part, given in self._weights_given(weights))
+        return FusedDetector(first, helpers[0]) if helpers else first
+
+    def _weights_given(self, weights: Path | None) -> list[tuple[DetectorKind, Path | None]]:
+        return [(part, weights if part is self.parts[-1] else None) for part in self.parts]
 
 
 def make_detector(
@@ -25,81 +113,10 @@ def make_detector(
     reference: GreyImage | None = None,
     weights: Path | None = None,
 ) -> Detector:
-    """The detector of that name; ``a+b`` is a, helped by b.
-
-    Args:
-        name: ``registered``, ``registered-plain``, ``bos``, ``dybs``, or two of them. The first is
-            learned where weights are installed, the second always judges by hand.
-        neighbours: How many other frames ``registered`` compares each with.
-        points_in_world: (N, 3) sparse points of the scene, for ``registered``.
-        reference: The view without plume, for ``bos``.
-        weights: An .onnx file for ``dybs``, or for ``registered`` alone; None takes what is
-            installed.
-
-    Raises:
-        BadInputError: The weights are missing or not the network's.
-    """
-    first, _, second = name.partition("+")
-    if second:
-        helped = make_detector(
-            first, neighbours=neighbours, points_in_world=points_in_world, reference=reference
-        )
-        return FusedDetector(helped, make_detector(second, weights=weights))
-    if name == "bos":
-        return BosDetector(reference=reference)
-    if name == "dybs":
-        return single_frame_detector(weights)
-    network = None if name == PLAIN else registered_weights(weights)
-    return RegisteredDetector(
-        neighbours=neighbours, points_in_world=points_in_world, weights=network
+    """The detector of that name; see `DetectorChoice.parse` and `DetectorChoice.make`."""
+    return DetectorChoice.parse(name).make(
+        neighbours=neighbours,
+        points_in_world=points_in_world,
+        reference=reference,
+        weights=weights,
     )
-
-
-def single_frame_detector(weights: Path | None) -> Detector:
-    """The dybs detector with these weights, or with those installed.
-
-    Raises:
-        BadInputError: There are none, or they are not the network's.
-    """
-    weights = found_weights(weights)
-    if weights is None:
-        raise BadInputError("dybs has no weights installed; give some with --weights FILE.onnx")
-    from detect.dybs import DybsDetector
-
-    return DybsDetector(weights)
-
-
-def found_weights(weights: Path | None) -> Path | None:
-    """Of dybs: the weights given, else those installed, else None."""
-    return _given_or_installed(weights, DYBS_WEIGHTS)
-
-
-def registered_weights(weights: Path | None = None) -> Path | None:
-    """The network over registered neighbours: the one given, else the installed one, else None."""
-    return _given_or_installed(weights, REGISTERED_WEIGHTS)
-
-
-def _given_or_installed(given: Path | None, installed: Path) -> Path | None:
-    if given is not None:
-        return given
-    return installed if installed.is_file() else None
-
-
-def clutter_nats(detector: str) -> float:
-    """What a column must have for every view that was summed, by the name of who saw it.
-
-    A network is wrong alike from all sides, and chance knows nothing of that. In ten development
-    scenes without a plume the strongest column had 19 nats of 16 views, in nine real recordings 61:
-    80 are asked of 16.
-    """
-    return CLUTTER_NATS if detector.partition("+")[0] == "registered" else 0.0
-
-
-def files_of(name: str, weights: Path | None) -> list[Path]:
-    """The files that the detector of that name reads its weights from; see `make_detector`."""
-    parts = name.split("+")
-    found = {
-        "dybs": found_weights(weights),
-        "registered": registered_weights(weights if len(parts) == 1 else None),
-    }
-    return [path for part in parts if (path := found.get(part)) is not None]

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from detect.detection import Frames
-from detect.dybs import DybsDetector
-from detect.registry import DYBS_WEIGHTS
+from detect.registry import make_detector
 from detect.scores import auroc
 from detect.synthesis import Recipe, Sample, Sources, sample_at
 from locate.export.pictures import displacement_picture
@@ -41,7 +40,7 @@ def draw_sample(seed: int) -> Sample:
 
 def main(output: Path, seeds: list[int]) -> list[float]:
     # The weights come with the package; no torch, no GPU, no reference image.
-    detector = DybsDetector(DYBS_WEIGHTS)
+    detector = make_detector("dybs")
     rows, scores = [], []
     for seed in seeds:
         sample = draw_sample(seed)

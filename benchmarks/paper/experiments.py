@@ -32,7 +32,7 @@ import numpy as np
 from detect.bos import BosDetector
 from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
-from detect.registry import DYBS_WEIGHTS
+from detect.kinds import DYBS
 from detect.scores import auroc
 from detect.synthesis import FAMILIES, shards_in
 from detect.synthesis.buoyancy import BuoyantFlow
@@ -361,7 +361,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     tasks = {"unseen": unseen, "deflected": deflected, "moving": moving}
     parser.add_argument("task", choices=tasks)
-    parser.add_argument("--network", type=Path, default=DYBS_WEIGHTS)
+    parser.add_argument("--network", type=Path, default=DYBS.installed_weights)
     parser.add_argument("--samples", type=Path)
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--picture", type=Path)

@@ -28,8 +28,9 @@ from benchmarks.reliability.outcomes import NOTHING, Judged, Stated
 from benchmarks.reliability.picture import picture
 from benchmarks.reliability.report import report
 from benchmarks.sensitivity.conditions import Recorded, labels, record
+from detect.kinds import REGISTERED
 from detect.registered import RegisteredDetector
-from detect.registry import clutter_nats, registered_weights
+from detect.registry import DetectorChoice
 from detect.synthesis.sample import log_uniform
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
@@ -42,7 +43,7 @@ from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import STARTS, propose
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.pipeline.decide import believed
+from locate.pipeline.decide import cap_probability
 from locate.simulation import scene as simulated
 from locate.simulation.filming import Take
 from locate.simulation.layouts import random_scene
@@ -88,7 +89,8 @@ def judge(sequence: Recorded, leak: simulated.Plume, detector: RegisteredDetecto
     units = sequence.inverse_depth_units.tolist()
     detections = [detector.judge(*each) for each in zip(sequence.measurements, units, strict=True)]
     views = Views.from_detections(detections, sequence.trajectory)
-    floor_nats = clutter_nats(detector.name) * len(views)
+    choice = DetectorChoice.parse(detector.name)
+    floor_nats = choice.clutter_nats * len(views)
     fused = fuse(views, least_nats=floor_nats)
     null = chance(views)
     lenient = fuse(views, null=null, most_false_alarm=1.0)
@@ -108,7 +110,7 @@ def judge(sequence: Recorded, leak: simulated.Plume, detector: RegisteredDetecto
         strongest=strongest(views, null, true),
         unasked=next((true.stated(plume) for plume in lenient.plumes), NOTHING),
         plumes=tuple(
-            true.stated(believed(plume, detector.name, len(views))) for plume in fused.plumes
+            true.stated(cap_probability(plume, choice, len(views))) for plume in fused.plumes
         ),
     )
 
@@ -166,7 +168,7 @@ def film_all(options: argparse.Namespace) -> None:
 
 
 def judge_all(options: argparse.Namespace) -> None:
-    detector = RegisteredDetector(weights=registered_weights())
+    detector = RegisteredDetector(weights=REGISTERED.find_weights())
     for seed in chosen(options):
         recorded, path = (options.work / f"{seed}.{suffix}" for suffix in ("npz", "json"))
         if recorded.exists() and not path.exists():

@@ -8,8 +8,8 @@ from scipy.special import expit
 
 from benchmarks.reliability.outcomes import Bin, Judged, Share, binned
 from detect.calibration import logistic
+from detect.kinds import LEARNED_RELIABILITY
 from geometry.arrays import BoolArray, FloatArray
-from locate.pipeline.decide import RIGHTLY_TOLD
 
 RATIOS = (0.0, 0.5, 1.0, 2.0, np.inf)
 ALARMS = (0.5, 0.1, 0.01, 0.001)
@@ -97,14 +97,14 @@ def limits(every: Sequence[Judged]) -> str:
 
 
 def believable(every: Sequence[Judged]) -> str:
-    """How often the strongest plumes are true by their evidence a view, and how `believed` does."""
+    """How often the strongest plumes are true by their evidence a view, and how the cap does."""
     told = [one for one in every if one.unasked.nats > 0]
     nats = np.array([one.unasked.nats / one.views for one in told])
     true = np.array([one.true(one.unasked) for one in told])
     if true.all() or not true.any():
         return "all of the strongest plumes are true, or none is"
     slope, level = logistic(nats[:, None], true)
-    rightly = expit(RIGHTLY_TOLD[0] + RIGHTLY_TOLD[1] * nats)
+    rightly = expit(LEARNED_RELIABILITY.offset + LEARNED_RELIABILITY.slope_per_nat * nats)
     loss, chance = (log_loss(p, true) for p in (rightly, np.full(len(true), true.mean())))
     return (
         f"logit of being true, strongest plumes: {level:.3f} + {slope:.3f} a nat a view\n"

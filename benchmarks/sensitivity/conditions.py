@@ -34,9 +34,9 @@ import numpy as np
 from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
 from detect.fused import SHARED, fused
+from detect.kinds import DYBS, REGISTERED
 from detect.registered import RegisteredDetector
 from detect.registered.measure import Measurement
-from detect.registry import found_weights, registered_weights
 from detect.scores import auroc, average_precision
 from detect.synthesis.raster import photos_in
 from detect.warp import blur, gradients
@@ -225,9 +225,9 @@ class Contenders:
 
     def __init__(self, weights: Path | None) -> None:
         self._plain = RegisteredDetector()
-        learned = registered_weights(weights)
+        learned = REGISTERED.find_weights(weights)
         self._learned = None if learned is None else RegisteredDetector(weights=learned)
-        dybs = found_weights(None)
+        dybs = DYBS.find_weights()
         self._dybs = None if dybs is None else DybsDetector(dybs)
 
     def judge(self, sequence: Recorded, rows: Sequence[int]) -> dict[str, list[Detection]]:

@@ -21,12 +21,12 @@ def adapt(
     weights: Weights = None,
 ) -> None:
     """Teach the single-frame detector a background, from frames of it without a plume."""
-    from detect.registry import found_weights
+    from detect.kinds import DYBS
     from geometry.errors import BadInputError
     from locate.recording.frame_files import FrameFiles
     from locate.recording.recording import ANY_SIDE, open_recording
 
-    start = found_weights(weights)
+    start = DYBS.find_weights(weights)
     if start is None:
         raise BadInputError("no weights to begin with; give some with --weights FILE.onnx")
     if output.suffix != ".onnx" or not output.parent.is_dir():

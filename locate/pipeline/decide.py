@@ -5,11 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.special import expit
 
-from detect import fluctuation
+from detect import fluctuation, kinds
 from detect.detection import Detection
-from detect.registry import clutter_nats
+from detect.registry import DetectorChoice
 from geometry.covariance import sigma_along
 from geometry.grid import EvidenceGrid
 from geometry.npz import save_arrays
@@ -35,12 +34,12 @@ BLIND = (
     f"Even a plume of {AMPLITUDES_PX[-1]:.0f} px would have been missed in half of the places: "
     "that none was found says little here."
 )
-RIGHTLY_TOLD = (-2.002, 0.446)  # logit of how often, and its slope per nat a view
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 METHOD = (  # a change here is a new decision
     Path(__file__),
     *(path.parent for path in sorted(Path(fusion.__file__).parent.rglob("__init__.py"))),
     Path(fluctuation.__file__),
+    Path(kinds.__file__),
 )
 
 
@@ -56,7 +55,8 @@ def decide(
         seed: Of every random choice.
         report: Told how far it is.
     """
-    detector, indices, found = load_detections(detections)
+    stored_name, indices, found = load_detections(detections)
+    detector = DetectorChoice.parse(stored_name)
     trajectory = recorded.undistorted_trajectory()
     if trajectory is None:
         seen = find_bearings(
@@ -66,7 +66,7 @@ def decide(
         return PlumeMap(
             units="scene",
             gravity=False,
-            detector=detector,
+            detector=detector.name,
             version=__version__,
             bearings=seen.bearings,
             notes=(ONE_VIEWPOINT, *seen.notes),
@@ -76,7 +76,7 @@ def decide(
         views,
         seed=seed,
         progress=lambda share: report("fusion", share),
-        least_nats=clutter_nats(detector) * len(views),
+        least_nats=detector.clutter_nats * len(views),
     )
     limit_px = None
     if fused.grid is not None:
@@ -88,7 +88,7 @@ def decide(
             response=load_response(detections),
             seed=seed,
         )
-    notes = silence_notes(found, detector)
+    notes = empty_frames_notes(found, detector)
     if not trajectory.metric:
         notes.append(FREE_SCALE)
     if not trajectory.gravity:
@@ -100,39 +100,30 @@ def decide(
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,
-        detector=detector,
+        detector=detector.name,
         version=__version__,
-        plumes=tuple(believed(plume, detector, len(views)) for plume in fused.plumes),
+        plumes=tuple(cap_probability(plume, detector, len(views)) for plume in fused.plumes),
         detection_limit_px=limit_px,
         detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
         notes=tuple(notes),
     )
 
 
-def believed(plume: Plume, detector: str, views: int) -> Plume:
-    """The plume, no surer than plumes of a network with as much evidence a view are true.
+def cap_probability(plume: Plume, detector: DetectorChoice, views: int) -> Plume:
+    """The plume, no surer than plumes with as much evidence a view are true.
 
-    A network is wrong alike from all sides, which the draws of chance know nothing of. How often
-    is by logistic regression over the strongest plumes of 55 random plants
-    (`benchmarks/stated_probability.py`; docs/seeing.md says which, and how it did on others).
+    A network errs alike from all sides, which the draws of chance do not show.
     """
-    if not clutter_nats(detector):
+    if detector.reliability is None:
         return plume
-    level, slope = RIGHTLY_TOLD
-    rightly = expit(level + slope * plume.evidence_nats / views)
-    return replace(plume, probability=min(plume.probability, float(rightly)))
+    most = detector.reliability.true_share(plume.evidence_nats, views)
+    return replace(plume, probability=min(plume.probability, most))
 
 
-def silence_notes(found: Sequence[Detection], detector: str) -> list[str]:
-    """How many of the frames the network says nothing of, where there are such."""
-    mute = sum(not seen.llr.any() for seen in found)
-    if not mute or detector.partition("+")[0] != "registered":
-        return []
-    return [
-        f"{mute} of {len(found)} frames say nothing: they could not be registered well enough for "
-        "what the network has learned (little overlap, or much that moves). "
-        "--detector registered-plain judges them by hand."
-    ]
+def empty_frames_notes(found: Sequence[Detection], detector: DetectorChoice) -> list[str]:
+    """How many of the frames hold no evidence, where the detector has a note on that."""
+    note = detector.empty_frames_note(sum(not each.llr.any() for each in found), len(found))
+    return [] if note is None else [note]
 
 
 def hidden_note(plume: Plume, unit_name: str) -> str:

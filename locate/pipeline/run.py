@@ -6,14 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from detect.registry import (
-    PLAIN,
-    clutter_nats,
-    files_of,
-    found_weights,
-    make_detector,
-    single_frame_detector,
-)
+from detect.registry import DetectorChoice
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.named_poses import NamedPoses, read_camera, resized
@@ -51,7 +44,7 @@ class Run:
     """
 
     _key_frames: KeyFrames
-    _detector: str
+    _detector: DetectorChoice
     _at_rest = False
 
     def __init__(
@@ -69,14 +62,14 @@ class Run:
 
     def _check_weights(self) -> None:
         config = self.config
-        if config.weights is not None and config.detector in (PLAIN, "bos"):
+        auto = config.detector == "auto"
+        choice = DetectorChoice.parse("dybs" if auto else config.detector)
+        if config.weights is not None and not choice.takes_weights:
             raise BadInputError(
                 f"{config.weights}: {config.detector} has no weights; use --detector dybs or auto"
             )
-        if config.detector == "registered":
-            make_detector(config.detector, weights=config.weights)
-        elif config.weights is not None or config.detector == "dybs":
-            single_frame_detector(config.weights)
+        if config.weights is not None or not auto:
+            choice.make(weights=config.weights)
 
     @with_one_blas_thread
     def run(self) -> PlumeMap:
@@ -197,18 +190,18 @@ class Run:
             times_s=frames.times_s if frames.is_video else None,
         )
         drift_px = recorded.drift_px()
-        if self._detector != "dybs" and drift_px > MOVING_SHARE * frames.width:
+        if self._detector.name != "dybs" and drift_px > MOVING_SHARE * frames.width:
             raise BadInputError(
                 f"{self.config.recording}: bos needs a camera at rest and the image moves by "
                 f"{drift_px:.0f} px; use --detector registered"
             )
         return recorded
 
-    def _chosen(self, usual: str) -> str:
+    def _chosen(self, usual: str) -> DetectorChoice:
         """The detector asked for; ``auto`` takes the usual one, helped by dybs where it can."""
         if self.config.detector != "auto":
-            return self.config.detector
-        return usual if found_weights(self.config.weights) is None else f"{usual}+dybs"
+            return DetectorChoice.parse(self.config.detector)
+        return DetectorChoice.parse(usual).helped_by_dybs(self.config.weights)
 
     def _find_poses(self) -> None:
         config = self.config
@@ -301,8 +294,7 @@ class Run:
 
     def _detect(self, recorded: Recorded, share: tuple[int, int] | None = None) -> None:
         def build(folder: Path) -> str:
-            detector = make_detector(
-                self._detector,
+            detector = self._detector.make(
                 points_in_world=load_points(self.root / "points.npz"),
                 weights=self.config.weights,
             )
@@ -316,11 +308,11 @@ class Run:
             )
 
         inputs: dict[str, Any] = {
-            "detector": self._detector,
+            "detector": self._detector.name,
             "frames": self.config.detection_frames,
             "camera": recorded.camera.to_dict(),
         }
-        weights = files_of(self._detector, self.config.weights)
+        weights = self._detector.weight_files(self.config.weights)
         if weights:
             inputs["weights"] = [fingerprint_of(path) for path in weights]
         after = ("frames",) if recorded.trajectory is None else ("frames", "place")
@@ -347,7 +339,7 @@ class Run:
             "seed": self.config.seed,
             "notes": self._focal_notes(),
             "method": [fingerprint_of(path) for path in METHOD],
-            "clutter_nats": clutter_nats(self._detector),
+            "clutter_nats": self._detector.clutter_nats,
         }
         self.folder.stage("fusion", after=("detections",), inputs=inputs, build=build)
 

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from detect.registry import clutter_nats
+from detect.registry import DetectorChoice
 from geometry.threads import with_one_blas_thread
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NULL_DRAWS, NullLevel, draw_strongest
@@ -56,7 +56,7 @@ class LocalPlumeSearch:
     """
 
     def __init__(self, detector: str, settings: LocatorSettings) -> None:
-        self._detector = detector
+        self._clutter_nats = DetectorChoice.parse(detector).clutter_nats
         self._settings = settings
         self._rng = np.random.default_rng(settings.seed)
         self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
@@ -85,7 +85,7 @@ class LocalPlumeSearch:
         Where the detector's own clutter sets the level, what chance makes is drawn only once
         something stands above that.
         """
-        clutter = clutter_nats(self._detector) * len(views)
+        clutter = self._clutter_nats * len(views)
 
         def fused(null: NullLevel) -> tuple[Plume, ...]:
             return fuse(

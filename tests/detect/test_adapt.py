@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import torch
 import typer
 from typer.testing import CliRunner, Result
 
-from detect import registry
+from detect import kinds
 from detect.detection import Frames
 from detect.differential import lucas_kanade
 from detect.dybs import DybsDetector
@@ -213,7 +214,8 @@ def test_command_says_in_one_line_what_is_missing(
     cv2.imwrite(str(tmp_path / "wall.png"), wall())
     cv2.imwrite(str(tmp_path / "small.png"), wall(shape=(90, 90)))
     good = (tmp_path / "wall.png", "-o", tmp_path / "a.onnx", "--weights", start)
-    monkeypatch.setattr(registry, "DYBS_WEIGHTS", tmp_path / "none.onnx")
+    none = replace(kinds.DYBS, installed_weights=tmp_path / "none.onnx")
+    monkeypatch.setattr(kinds, "DYBS", none)
     for arguments, words in (
         (good[:3], "no weights to begin with"),
         ((*good[:2], tmp_path / "a.pt", *good[3:]), "name of an .onnx file"),

@@ -1,14 +1,14 @@
 """Which detector a name means, and which files it reads."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from detect import registry
 from detect.registered.features import FEATURES
 from detect.registered.learned import SCORES
-from detect.registry import files_of, make_detector
+from detect.registry import KINDS, DetectorChoice, make_detector
 from geometry.errors import BadInputError
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
@@ -25,17 +25,34 @@ def network(path: Path) -> Path:
 def test_registered_is_learned_where_weights_are_installed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(registry, "REGISTERED_WEIGHTS", tmp_path / "installed.onnx")
+    kind = replace(KINDS["registered"], installed_weights=tmp_path / "installed.onnx")
+    monkeypatch.setitem(KINDS, "registered", kind)
     assert make_detector("registered").name == "registered-plain"
-    assert files_of("registered", None) == []
+    assert DetectorChoice.parse("registered").weight_files(None) == []
     installed = network(tmp_path / "installed.onnx")
     assert make_detector("registered").name == "registered"
     assert make_detector("registered-plain").name == "registered-plain"
-    assert files_of("registered-plain", None) == []
-    assert files_of("registered", None) == [installed]
+    assert DetectorChoice.parse("registered-plain").weight_files(None) == []
+    assert DetectorChoice.parse("registered").weight_files(None) == [installed]
     mine = network(tmp_path / "mine.onnx")
-    assert files_of("registered", mine) == [mine]
-    assert files_of("registered+dybs", mine) == [installed, mine]
+    assert DetectorChoice.parse("registered").weight_files(mine) == [mine]
+    both = DetectorChoice.parse("registered+dybs")
+    assert both.name == "registered+dybs"
+    assert both.weight_files(mine) == [installed, mine]
+
+
+def test_the_first_detector_of_two_decides_what_a_plume_must_show() -> None:
+    assert DetectorChoice.parse("registered+dybs").clutter_nats == 5
+    for name in ("dybs", "bos", "registered-plain+dybs", "dybs+registered", "another"):
+        choice = DetectorChoice.parse(name)
+        assert choice.name == name
+        assert choice.clutter_nats == 0
+        assert choice.reliability is None
+
+
+def test_an_unknown_detector_cannot_be_made() -> None:
+    with pytest.raises(BadInputError, match="no detector is called 'another'"):
+        make_detector("another")
 
 
 def test_weights_of_another_network_are_refused_before_anything_is_done(tmp_path: Path) -> None:

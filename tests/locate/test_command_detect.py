@@ -1,6 +1,7 @@
 """`locate detect`: from images of any kind to files and pictures; and dybs within a run."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -10,16 +11,14 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from detect import registry
 from detect.detection import Detection, Detector, Frames
-from detect.registry import make_detector
+from detect.registry import KINDS, DetectorChoice, make_detector
 from detect.response import Response
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.npz import read_npz
 from locate.commands.detect import detect
 from locate.export.pictures import displacement_picture, overlay_evidence
-from locate.pipeline import run as pipeline
 from locate.pipeline.config import RunConfig
 from locate.pipeline.frame_by_frame import look
 from locate.pipeline.run import Run
@@ -254,7 +253,7 @@ def typed(*arguments: object) -> Result:
 def test_command_prints_what_it_saw(
     photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(registry, "single_frame_detector", lambda _: Blob())
+    monkeypatch.setitem(KINDS, "dybs", replace(KINDS["dybs"], build=lambda *_: Blob()))
     result = typed(photos, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "Evidence in 5 of 5 frames" in result.output
@@ -288,7 +287,7 @@ def test_command_with_too_little_says_what_is_missing(
 def test_without_weights_dybs_says_so_and_auto_does_not_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(registry, "DYBS_WEIGHTS", tmp_path / "none.onnx")
+    install_dybs(tmp_path / "none.onnx", monkeypatch)
     with pytest.raises(BadInputError, match="no weights installed"):
         make_detector("dybs")
     with pytest.raises(BadInputError, match="no weights installed"):
@@ -300,7 +299,7 @@ def test_without_weights_dybs_says_so_and_auto_does_not_change(
 def test_with_weights_auto_lets_dybs_help(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     weights = tmp_path / "some.onnx"
     weights.write_bytes(b"weights")
-    monkeypatch.setattr(registry, "DYBS_WEIGHTS", weights)
+    install_dybs(weights, monkeypatch)
     assert asked_of_run(tmp_path / "out", monkeypatch) == "registered+dybs"
     stamp = json.loads((tmp_path / "out/.stages/detections.json").read_text())["fingerprint"]
     assert asked_of_run(tmp_path / "out", monkeypatch) == ""
@@ -311,15 +310,19 @@ def test_with_weights_auto_lets_dybs_help(tmp_path: Path, monkeypatch: pytest.Mo
     ] != stamp  # fmt: skip
 
 
+def install_dybs(weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(KINDS, "dybs", replace(KINDS["dybs"], installed_weights=weights))
+
+
 def asked_of_run(output: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """Which detector a run asks for to look at its frames; none where they were looked at."""
     asked = [""]
 
-    def make(name: str, **_: object) -> Detector:
-        asked.append(name)
+    def make(choice: DetectorChoice, **_: object) -> Detector:
+        asked.append(choice.name)
         return Blob()
 
-    monkeypatch.setattr(pipeline, "make_detector", make)
+    monkeypatch.setattr(DetectorChoice, "make", make)
     config = RunConfig(
         recording=SAMPLE_VIDEO, poses=SAMPLE / "truth.json", max_frames=8, detection_frames=2
     )

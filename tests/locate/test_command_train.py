@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from detect.kinds import DYBS
 from detect.learning.clips import clip_path
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered.features import FEATURES, Feature
-from detect.registry import DYBS_WEIGHTS
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
 from locate.commands import train
@@ -32,7 +32,7 @@ def test_a_file_is_a_file_and_a_typo_is_named(tmp_path: Path) -> None:
 
 
 def test_the_shipped_weights_are_those_of_the_shipped_training() -> None:
-    told = Network(DYBS_WEIGHTS).json("trained_on")
+    told = Network(DYBS.find_weights()).json("trained_on")
     config = TrainConfig.load(config_path(Path("lite-fast")))
     assert config.digest(told["steps"]) == told["config"]
 

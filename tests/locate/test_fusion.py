@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from detect.detection import Detection
+from detect.registry import DetectorChoice
 from locate.fusion.axis.graph import agreeing, averaged, estimate_axis
 from locate.fusion.axis.pairs import split
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
@@ -17,7 +18,7 @@ from locate.fusion.source.base import locate_base
 from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.pipeline.decide import believed, hidden_note, silence_notes
+from locate.pipeline.decide import cap_probability, empty_frames_notes, hidden_note
 from locate.simulation.evidence import NONE, Corruption, Truth, corrupted_views, orbit, random_truth
 from tests.locate.answers import plume as any_plume
 
@@ -229,13 +230,17 @@ def test_a_thin_nozzle_is_a_base_and_hides_nothing(truth: Truth) -> None:
     assert base.sigma < 0.1
 
 
-def test_a_network_is_believed_no_more_than_it_was_right() -> None:
+def test_a_plume_is_no_surer_than_plumes_like_it_were_true() -> None:
     strong, weak = (any_plume(evidence_nats=16 * nats, probability=0.9999) for nats in (20, 5))
-    assert 0.99 < believed(strong, "registered+dybs", 16).probability < 0.9999
-    assert 0.4 < believed(weak, "registered", 16).probability < 0.7
+    assert (
+        0.99
+        < cap_probability(strong, DetectorChoice.parse("registered+dybs"), 16).probability
+        < 0.9999
+    )
+    assert 0.4 < cap_probability(weak, DetectorChoice.parse("registered"), 16).probability < 0.7
     unsure = replace(strong, probability=0.6)
-    assert believed(unsure, "registered", 16).probability == 0.6
-    assert believed(weak, "registered-plain", 16) is weak
+    assert cap_probability(unsure, DetectorChoice.parse("registered"), 16).probability == 0.6
+    assert cap_probability(weak, DetectorChoice.parse("registered-plain"), 16) is weak
 
 
 def test_a_hidden_source_is_said_with_its_interval() -> None:
@@ -456,13 +461,13 @@ def test_best_interval_is_the_largest_run_sum() -> None:
     assert (total.item(), first.item(), last.item()) == (6, 1, 4)
 
 
-def test_frames_that_the_network_is_silent_of_are_counted() -> None:
+def test_frames_without_evidence_are_counted() -> None:
     mute = Detection.silent((4, 6), depth=True)
     seen = replace(mute, llr=np.ones((4, 6), np.float32))
-    (note,) = silence_notes([mute, seen, mute], "registered+dybs")
+    (note,) = empty_frames_notes([mute, seen, mute], DetectorChoice.parse("registered+dybs"))
     assert note.startswith("2 of 3 frames")
-    assert silence_notes([seen], "registered") == []
-    assert silence_notes([mute], "registered-plain") == []
+    assert empty_frames_notes([seen], DetectorChoice.parse("registered")) == []
+    assert empty_frames_notes([mute], DetectorChoice.parse("registered-plain")) == []
 
 
 def test_the_axis_is_sought_in_the_core_of_a_plume(truth: Truth) -> None:
