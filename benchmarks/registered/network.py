@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.scenes.limit import recorded
 from detect.evidence import LLR_MAX, LLR_MIN, displacement_evidence
 from detect.learning.clips import KINDS, TrainingClip, clip_path, clip_seed, list_clips
-from detect.registered.calibrate import Read, chosen, read_clip
+from detect.learning.registered_calibration import Read, chosen, read_clip
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.detector import trust as trust_in
 from detect.registered.features import FEATURES, SMALL_PX, feature, features

@@ -30,8 +30,8 @@ from detect.bos import BosDetector
 from detect.detection import Frames
 from detect.differential import lucas_kanade
 from detect.dybs import DybsDetector
-from detect.dybs.adapt import adapt
 from detect.dybs.eye import SingleFrame
+from detect.learning.background_adaptation import adapt
 from detect.scores import auroc, average_precision
 from detect.synthesis import Recipe, Sample, Sources
 from detect.synthesis.camera import OVERSAMPLING

@@ -31,13 +31,13 @@ import numpy as np
 from detect.calibration import expected_calibration_error, posterior
 from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
-from detect.dybs.calibrate import labels_of
 from detect.dybs.demodulation import demodulate
 from detect.dybs.detector import CLASS_NAMES
 from detect.dybs.edges import straightness
 from detect.dybs.eye import WHITE, Look, Reading, joined
 from detect.dybs.judge import Judge
 from detect.dybs.measure import Measured, measure
+from detect.learning.dybs_calibration import labels_of
 from detect.network import Network
 from detect.scores import auroc, average_precision
 from detect.synthesis import FAMILIES, Recipe, Sample, Sources, shards_in

@@ -1,1 +1,1 @@
-"""Training of the networks; the only place, with `detect/dybs` training code, that knows torch."""
+"""Training of the networks, and their calibration: the only place that knows torch."""

@@ -38,7 +38,7 @@ def adapt(
         raise BadInputError(
             f"{error.name} is missing; pip install 'plume-locate[train]'"
         ) from error
-    from detect.dybs.adapt import adapt as teach
+    from detect.learning.background_adaptation import adapt as teach
 
     frames = source / "frames"
     recording = open_recording(frames if frames.is_dir() else source, max_side=ANY_SIDE)

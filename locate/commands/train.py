@@ -72,7 +72,7 @@ def config_path(config: Path) -> Path:
 
 def measure_missing(config: "TrainConfig", *, report: Report) -> None:
     """Measures the waves and edges of rendered samples where it is not done; 10 ms a sample."""
-    from detect.dybs.measure import measure_samples
+    from detect.learning.measured_samples import measure_samples
 
     for name, pool in config.pools.items():
         if pool.measured is not None:

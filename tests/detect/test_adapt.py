@@ -17,9 +17,9 @@ from detect import kinds
 from detect.detection import Frames
 from detect.differential import lucas_kanade
 from detect.dybs import DybsDetector
-from detect.dybs import adapt as teaching
-from detect.dybs.adapt import Adapted, Score, adapt, divided, each, score
+from detect.learning import background_adaptation as teaching
 from detect.learning import reread
+from detect.learning.background_adaptation import Adapted, Score, adapt, divided, each, score
 from detect.learning.config import NetworkConfig
 from detect.learning.export import save
 from detect.learning.networks import PlumeNet, build

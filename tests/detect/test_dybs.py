@@ -139,7 +139,7 @@ def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
 
 def test_calibrating_writes_what_the_detector_reads(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
-    from detect.dybs.calibrate import calibrate
+    from detect.learning.dybs_calibration import calibrate
     from detect.synthesis import Recipe, Sources, sample_at
 
     path = network(tmp_path / "n.onnx", calibration="null")
@@ -158,7 +158,7 @@ def test_calibrating_writes_what_the_detector_reads(tmp_path: Path) -> None:
 def test_a_background_that_says_nothing_does_not_hide_among_others(
     share: float, heard: bool
 ) -> None:
-    from detect.dybs.calibrate import worst_family
+    from detect.learning.dybs_calibration import worst_family
 
     rng = np.random.default_rng(0)
     families = (rng.random(20_000) < share).astype(int)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from detect.dybs.judge import Judge
-from detect.dybs.measure import CHANNELS, TENSOR, VECTORS, channels, measure, measure_samples
+from detect.dybs.measure import CHANNELS, TENSOR, VECTORS, channels, measure
 from detect.learning.augmentation import turn
+from detect.learning.measured_samples import measure_samples
 from detect.synthesis import Recipe, Sources, render_dataset, sample_at, shards_in
 from detect.texture import texture_classes
 from geometry.errors import BadInputError

@@ -10,9 +10,9 @@ from detect.calibration import Calibration, Scale
 from detect.learning.augmentation import augment
 from detect.learning.clips import KINDS, TrainingClip, clip_path
 from detect.learning.config import Augmentation, PoolConfig, TrainConfig
+from detect.learning.registered_calibration import calibrate, main, read_clip
 from detect.network import Network
 from detect.registered import RegisteredDetector
-from detect.registered.calibrate import calibrate, main, read_clip
 from detect.registered.features import FEATURES, SMALL_PX, Plain, feature, features
 from detect.registered.learned import CLASS_NAMES, SCORES, Place, Reader, places_of
 from detect.registered.measure import Measurement

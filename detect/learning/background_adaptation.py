@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from detect.calibration import Calibration
-from detect.dybs.calibrate import PLUME_PX, calibrate, labels_of
 from detect.dybs.detector import SCORES
 from detect.dybs.eye import SingleFrame
+from detect.learning.dybs_calibration import PLUME_PX, calibrate, labels_of
 from detect.scores import auroc
 from detect.synthesis import Sample, Shard
 from detect.synthesis.own import HALF, hazy_samples, own_samples

@@ -1,6 +1,7 @@
 """Teaches a network over registered neighbours what its scores are worth, and what it would see.
 
-    python -m detect.registered.calibrate NETWORK.onnx --lessons FOLDER [--seeds FIRST END]...
+    python -m detect.learning.registered_calibration NETWORK.onnx --lessons FOLDER
+        [--seeds FIRST END]...
 
 FOLDER holds clips of scenes that the network was not trained on. The file is written anew with
 the calibration and the response in its metadata. Needs the `onnx` package (extra `train`).

@@ -1,6 +1,6 @@
 """Teaches a network's file what its scores are worth.
 
-    python -m detect.dybs.calibrate NETWORK.onnx... --samples FOLDER
+    python -m detect.learning.dybs_calibration NETWORK.onnx... --samples FOLDER
 
 FOLDER holds validation samples, as `detect.synthesis.render_dataset` writes them: of photos and
 flows that the network was not trained on. The files are written anew with the calibration in their
