@@ -18,7 +18,7 @@ from geometry.errors import LocateError
 from geometry.grid import LEVER_FULL, LEVER_NONE, lever
 from geometry.trajectory import Trajectory
 from locate.fusion.views import Views
-from locate.pipeline.observe import load_detections
+from locate.pipeline.detections import load_detections
 
 POINTS = 60_000
 PLUME_PERCENT = 5

@@ -17,8 +17,8 @@ from geometry.errors import BadInputError
 from geometry.similarity import align
 from geometry.trajectory import Trajectory
 from locate.evaluation.truth import SceneTruth
-from locate.pipeline.observe import load_points
-from locate.pipeline.place import place
+from locate.pipeline.place import place_reconstruction
+from locate.pipeline.points import load_points
 from locate.recording import KeyFrames
 from locate.simulation import Campaign
 from locate.simulation.subtitles import Receiver, write_subtitles
@@ -73,7 +73,7 @@ def error_of(
         path = Path(workshop) / "fixes.srt"
         write_subtitles(path, truth, earth, receiver, start=campaign.flights[0].start, rng=rng)
         try:
-            placement = place(
+            placement = place_reconstruction(
                 scene,
                 KeyFrames.load(run / "frames" / "index.json"),
                 [path],
@@ -84,7 +84,7 @@ def error_of(
             return None
     assert placement.alignment is not None
     assert placement.georeference is not None
-    moved = placement.moved(scene)
+    moved = placement.apply(scene)
     true_in_enu = placement.georeference.enu(
         earth.lat_lon_height(truth.centers_in_world[scene.indices])
     )

@@ -36,7 +36,8 @@ from detect.registered.features import FEATURES, SMALL_PX, feature, features
 from detect.registered.learned import CLASS_NAMES, Reader
 from detect.scores import auroc, average_precision
 from geometry.arrays import FloatMap
-from locate.pipeline.observe import load_points, spread
+from locate.pipeline.detections import spread_rows
+from locate.pipeline.points import load_points
 
 FIRST_SEED = 300_000
 CONDITIONS = ((1.0, 1.0), (0.3, 1.0), (0.3, 3.0), (0.1, 1.0), (0.0, 1.0), (0.0, 3.0))
@@ -256,7 +257,7 @@ def speed(options: argparse.Namespace) -> None:
     frames = recorded(options.run, options.run / "frames").frames()
     points = load_points(options.run / "points.npz")
     detector = RegisteredDetector(points_in_world=points, weights=options.network)
-    rows = iter([*spread(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)
+    rows = iter([*spread_rows(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)
 
     def measured() -> None:
         found = detector.measure(frames, next(rows))

@@ -26,18 +26,20 @@ from locate.journal.progress import silent
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.decide import decide
-from locate.pipeline.observe import Recorded, load_points, observe
+from locate.pipeline.detections import measure_frames
+from locate.pipeline.points import load_points
 from locate.recording import KeyFrames
+from locate.recording.posed_frames import PosedFrames
 
 INSIDE_SHARE = 0.3
 
 
-def recorded(run: Path, folder: Path) -> Recorded:
+def recorded(run: Path, folder: Path) -> PosedFrames:
     """The frames of a finished run, its images taken from `folder`."""
     frames = KeyFrames.load(run / "frames" / "index.json")
     trajectory = Trajectory.load(run / "trajectory.json")
     names = dict(zip(frames.indices.tolist(), frames.names, strict=True))
-    return Recorded(
+    return PosedFrames(
         folder=folder,
         names=[names[i] for i in trajectory.indices.tolist()],
         indices=trajectory.indices,
@@ -85,7 +87,7 @@ def found(
             points = load_points(run / "sfm" / "points.npz")
         detector = make_detector(detector_name, points_in_world=points)
         inserted = replace(source, folder=folder)
-        observe(inserted, detector, folder / "detections", most=most, report=silent)
+        measure_frames(inserted, detector, folder / "detections", most=most, report=silent)
         plume_map = decide(folder / "detections", inserted, folder / "evidence.npz", seed=0)
     assert source.trajectory is not None
     evaluation = evaluate(plume_map, source.trajectory, leak, None)

@@ -23,6 +23,7 @@ def adapt(
     """Teach the single-frame detector a background, from frames of it without a plume."""
     from detect.kinds import DYBS
     from geometry.errors import BadInputError
+    from locate.pipeline.files import RunFiles
     from locate.recording.frame_files import FrameFiles
     from locate.recording.recording import ANY_SIDE, open_recording
 
@@ -40,7 +41,7 @@ def adapt(
         ) from error
     from detect.learning.background_adaptation import adapt as teach
 
-    frames = source / "frames"
+    frames = RunFiles(source).frames
     recording = open_recording(frames if frames.is_dir() else source, max_side=ANY_SIDE)
     every = max(1, -(-recording.expected_frames // MOST_FRAMES))
     with interruptible(), progress_bars(err) as report, TemporaryDirectory() as workshop:

@@ -23,13 +23,14 @@ def evaluate(
     from locate.evaluation import evaluate as compare
     from locate.evaluation.table import evaluation_table
     from locate.map.plume import PlumeMap
+    from locate.pipeline.files import RunFiles
 
-    path = output / "trajectory.json"
+    files = RunFiles(output)
     evaluation = compare(
-        PlumeMap.load(output / "map.json"),
-        Trajectory.load(path) if path.exists() else None,
+        PlumeMap.load(files.map),
+        Trajectory.load(files.trajectory) if files.trajectory.exists() else None,
         truth,
-        output / "detections",
+        files.detections,
     )
     if as_json:
         typer.echo(json.dumps(evaluation.to_dict(), indent=1))

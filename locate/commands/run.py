@@ -92,15 +92,17 @@ def demo(
 
 def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None:
     from locate.export.table import map_table
+    from locate.pipeline.files import RunFiles
     from locate.pipeline.run import Run
 
+    files = RunFiles(output)
     with interruptible(), progress_bars(err) as report:
         job = Run(config, output, force=force, report=silent if verbose else report)
-        with log_to_file(output / "log.jsonl", console=err if verbose else None):
+        with log_to_file(files.log, console=err if verbose else None):
             plume_map = job.run()
     found = plume_map.plumes or plume_map.bearings
     out.print(map_table(plume_map) if found else plume_map.limit_text())
     for note in plume_map.notes:
         out.print(f"- {note}")
-    out.print(f"\nReport: {output / 'report.html'}", soft_wrap=True)
-    out.print(f"Map:    {output / 'map.json'}", soft_wrap=True)
+    out.print(f"\nReport: {files.report}", soft_wrap=True)
+    out.print(f"Map:    {files.map}", soft_wrap=True)

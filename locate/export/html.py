@@ -7,9 +7,14 @@ from pathlib import Path
 from string import Template
 
 
+def resource_path(name: str) -> Path:
+    """Where a file or a folder of the package's data is."""
+    return Path(str(files("locate"))) / "data" / name
+
+
 def read_resource(name: str) -> str:
     """The text of a file of the package's data."""
-    return (files("locate") / "data" / name).read_text(encoding="utf-8")
+    return resource_path(name).read_text(encoding="utf-8")
 
 
 def write_page(

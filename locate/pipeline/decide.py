@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from detect import fluctuation, kinds
 from detect.detection import Detection
 from detect.registry import DetectorChoice
 from geometry.covariance import sigma_along
@@ -14,14 +13,17 @@ from geometry.grid import EvidenceGrid
 from geometry.npz import save_arrays
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
-from locate import __version__, fusion
+from locate import __version__
 from locate.fusion.fuse import fuse
 from locate.fusion.search.limit import AMPLITUDES_PX, RADIUS_UNITS, detection_limit_px
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
 from locate.map.plume import Plume, PlumeMap
-from locate.pipeline.observe import Recorded, load_detections, load_response
+from locate.pipeline.detections import load_detections, load_response
+from locate.pipeline.files import RunFiles
+from locate.pipeline.placement import Placement
+from locate.recording.posed_frames import PosedFrames
 
 ONE_VIEWPOINT = (
     "The camera stood still: one viewpoint gives directions to plumes, not positions, and what "
@@ -35,32 +37,54 @@ BLIND = (
     "that none was found says little here."
 )
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
-METHOD = (  # a change here is a new decision
-    Path(__file__),
-    *(path.parent for path in sorted(Path(fusion.__file__).parent.rglob("__init__.py"))),
-    Path(fluctuation.__file__),
-    Path(kinds.__file__),
-)
+
+
+def write_map(
+    files: RunFiles,
+    target: RunFiles,
+    posed: PosedFrames,
+    *,
+    seed: int,
+    notes: Sequence[str],
+    report: Report,
+) -> str:
+    """Writes the map of a run and the evidence it rests on; returns a summary.
+
+    Args:
+        files: The run folder with its earlier stages.
+        target: Where to write.
+        posed: The frames.
+        seed: Of every random choice.
+        notes: What else a reader of the map should know.
+        report: Takes the progress.
+    """
+    plume_map = decide(files.detections, posed, target.evidence, seed=seed, report=report)
+    placement = Placement.load(files.placement)
+    plume_map = placement.with_uncertainty(plume_map)
+    notes = (*plume_map.notes, *placement.notes, *notes)
+    plume_map = replace(plume_map, notes=notes)
+    plume_map.save(target.map)
+    return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
 
 
 def decide(
-    detections: Path, recorded: Recorded, evidence: Path, *, seed: int, report: Report = silent
+    detections: Path, posed: PosedFrames, evidence: Path, *, seed: int, report: Report = silent
 ) -> PlumeMap:
     """Fuses the detections; writes the summed evidence where there is any.
 
     Args:
-        detections: The folder that `observe` wrote.
-        recorded: The frames.
+        detections: The folder that `measure_frames` wrote.
+        posed: The frames.
         evidence: The .npz to write; a still camera has none.
         seed: Of every random choice.
         report: Told how far it is.
     """
     stored_name, indices, found = load_detections(detections)
     detector = DetectorChoice.parse(stored_name)
-    trajectory = recorded.undistorted_trajectory()
+    trajectory = posed.undistorted_trajectory()
     if trajectory is None:
         seen = find_bearings(
-            found, recorded.camera.undistorted(), in_a_row=recorded.in_a_row(), seed=seed
+            found, posed.camera.undistorted(), in_a_row=posed.longest_sequence(), seed=seed
         )
         report("fusion", 1.0)
         return PlumeMap(
@@ -71,7 +95,7 @@ def decide(
             bearings=seen.bearings,
             notes=(ONE_VIEWPOINT, *seen.notes),
         )
-    views = Views.from_detections(found, trajectory.take(recorded.rows(indices)))
+    views = Views.from_detections(found, trajectory.take(posed.rows_of(indices)))
     fused = fuse(
         views,
         seed=seed,

@@ -1,17 +1,15 @@
 """The stage that places: scale, up and position on the Earth, from the recording's telemetry."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import (
-    Alignment,
     Constraint,
     Georeference,
     HeightDatum,
@@ -23,8 +21,13 @@ from geometry.georeference.fixes import positions_of_cameras
 from geometry.georeference.gravity import up_from_gimbal, up_from_ground
 from geometry.georeference.lengths import scale_from_height
 from geometry.trajectory import Trajectory
-from locate.map.georeferenced import georeference_map
-from locate.map.plume import PlumeMap
+from locate.pipeline.files import RunFiles
+from locate.pipeline.fingerprint import fingerprint_path
+from locate.pipeline.known_lengths import KnownLengths
+from locate.pipeline.placement import Placement
+from locate.pipeline.points import load_points, save_points
+from locate.pipeline.poses import names_of
+from locate.pipeline.source import Source
 from locate.recording import KeyFrames
 from locate.telemetry import (
     AltitudeDatum,
@@ -32,7 +35,6 @@ from locate.telemetry import (
     estimate_offset,
     path_speeds,
     read_telemetry,
-    telemetry_candidates,
 )
 from locate.telemetry.track import COLUMNS
 
@@ -50,80 +52,55 @@ DATUMS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Placement:
-    """What took the reconstruction to local east-north-up, or as much of it as is known.
+def place_run(
+    source: Source,
+    key_frames: KeyFrames,
+    lengths: KnownLengths,
+    files: RunFiles,
+    target: RunFiles,
+) -> str:
+    """Turns and scales a reconstruction to what is known of its place; returns a summary.
 
-    Attributes:
-        alignment: The similarity and its covariance; None where nothing was known.
-        georeference: Where that frame sits on the Earth; None without positions.
-        notes: What the reader of the map should know of it.
+    Args:
+        source: What its user says of it.
+        key_frames: The frames.
+        lengths: Known sizes in the scene.
+        files: The run folder with the reconstruction.
+        target: Where to write.
+
+    Raises:
+        BadInputError: What was asked for cannot be used.
     """
-
-    alignment: Alignment | None = None
-    georeference: Georeference | None = None
-    notes: tuple[str, ...] = ()
-
-    def moved(self, trajectory: Trajectory) -> Trajectory:
-        """The cameras in the new frame."""
-        if self.alignment is None:
-            return trajectory
-        moved = trajectory.transformed(self.alignment.target_from_source)
-        return replace(
-            moved,
-            metric=trajectory.metric or self.alignment.metric,
-            gravity=trajectory.gravity or self.alignment.gravity,
-        )
-
-    def moved_points(self, points_in_world: FloatArray) -> FloatArray:
-        """(M, 3) points in the new frame."""
-        if self.alignment is None:
-            return points_in_world
-        return self.alignment.target_from_source(points_in_world)
-
-    def widened(self, plume_map: PlumeMap) -> PlumeMap:
-        """A map made in the new frame, with that frame's own uncertainty."""
-        if self.alignment is None:
-            return plume_map
-        return georeference_map(plume_map, self.alignment, self.georeference)
-
-    def summary(self) -> str:
-        """What is known, in a few words."""
-        if self.alignment is None:
-            return "nothing says where; scale and up as they were"
-        known = [name for name in ("metric", "gravity", "located") if getattr(self.alignment, name)]
-        sources = ", ".join(source.name for source in self.alignment.sources)
-        return f"{', '.join(known)} by {sources}"
-
-    def save(self, path: Path) -> None:
-        """Writes JSON."""
-        content = {
-            "alignment": None if self.alignment is None else self.alignment.to_dict(),
-            "georeference": None if self.georeference is None else self.georeference.to_dict(),
-            "notes": list(self.notes),
-        }
-        path.write_text(json.dumps(content, indent=1))
-
-    @classmethod
-    def load(cls, path: Path) -> Self:
-        """Reads what `save` wrote; a camera at rest has no such file and no placement."""
-        if not path.exists():
-            return cls()
-        content = json.loads(path.read_text())
-        alignment, georeference = content["alignment"], content["georeference"]
-        return cls(
-            alignment=None if alignment is None else Alignment.from_dict(alignment),
-            georeference=None if georeference is None else Georeference.from_dict(georeference),
-            notes=tuple(content["notes"]),
-        )
+    trajectory = Trajectory.load(files.sfm_trajectory)
+    points = load_points(files.sfm_points)
+    placement = place_reconstruction(
+        trajectory,
+        key_frames,
+        source.telemetry(),
+        asked=source.config.telemetry is not None,
+        camera_height_m=source.config.camera_height_m,
+        points_in_world=points,
+        lengths=lengths.scales(trajectory, files.frames, names_of(trajectory, key_frames)),
+    )
+    placement.save(target.placement)
+    placement.apply(trajectory).save(target.trajectory)
+    if points is not None:
+        save_points(target.points, placement.apply_to_points(points))
+    return placement.describe()
 
 
-def telemetry_of(recording: Path, asked: Path | None) -> tuple[Path, ...]:
-    """The files that may say where a recording was made: the one asked for, or all that may."""
-    return (asked,) if asked is not None else telemetry_candidates(recording)
+def place_inputs(source: Source) -> dict[str, Any]:
+    """What the place depends on beside the poses."""
+    distance = source.config.distance
+    return {
+        "telemetry": [fingerprint_path(path) for path in source.telemetry()],
+        "camera_height_m": source.config.camera_height_m,
+        "board": source.config.board,
+        "distance": None if distance is None else fingerprint_path(distance),
+    }
 
 
-def place(
+def place_reconstruction(
     trajectory: Trajectory,
     frames: KeyFrames,
     telemetry: Sequence[Path],

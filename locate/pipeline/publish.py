@@ -1,6 +1,6 @@
 """The stage that shows: the map as files for other programs and as a report for people."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,21 @@ from geometry.npz import read_npz
 from locate import __version__
 from locate.export.geojson import write_geojson
 from locate.export.geopackage import write_geopackage
+from locate.export.html import resource_path
 from locate.export.kml import write_kml
 from locate.export.ply import write_plumes_ply
 from locate.export.report import ReportFrame, write_report
 from locate.export.waypoints import write_cup, write_gpx
 from locate.journal.costs import StageTime
 from locate.map.plume import Plume, PlumeMap
-from locate.pipeline.observe import Recorded, load_detections, load_points
+from locate.pipeline.detections import load_detections
+from locate.pipeline.files import RunFiles
+from locate.pipeline.fingerprint import fingerprint_path
+from locate.pipeline.points import load_points
+from locate.pipeline.source import Source
+from locate.recording import KeyFrames
+from locate.recording.posed_frames import PosedFrames
+from locate.robot.bag_results import write_map
 
 GEOREFERENCED = {
     "plumes.geojson": write_geojson,
@@ -27,52 +35,74 @@ GEOREFERENCED = {
     "plumes.gpx": write_gpx,
     "plumes.cup": write_cup,
 }
+PAGE_PARTS = ("page", "report")
+"""Folders of the package's data that the report is made of."""
 SHOWN_FRAMES = 8
 REACH_RADII = 1.5
 
 
 def publish(
-    root: Path,
-    folder: Path,
-    recorded: Recorded,
+    source: Source,
+    key_frames: KeyFrames,
+    posed: PosedFrames,
     *,
+    files: RunFiles,
+    target: RunFiles,
     stages: Sequence[StageTime],
-    settings: Mapping[str, Any],
 ) -> str:
-    """Writes plumes.ply, report.html, and where the map is georeferenced what GIS and pilots read.
+    """Writes the plumes for other programs and the report for people; returns a summary.
 
     Args:
-        root: The run folder with its earlier stages.
-        folder: Where to write.
-        recorded: The frames of the run.
-        stages: What they cost.
-        settings: What the run was told.
+        source: Where the frames come from.
+        key_frames: The frames of the run.
+        posed: Those of them that are used.
+        files: The run folder with its earlier stages.
+        target: Where to write.
+        stages: What the stages cost.
     """
-    plume_map = PlumeMap.load(root / "map.json")
-    voxels = plume_voxels(root / "evidence.npz", plume_map)
+    plume_map = PlumeMap.load(files.map)
+    voxels = plume_voxels(files.evidence, plume_map)
     write_plumes_ply(
-        folder / "plumes.ply",
+        target.plume_points,
         points_in_world=voxels[:, :3],
         probability=voxels[:, 3],
         displacement_px=voxels[:, 4],
     )
     if plume_map.georeference is not None:
         for name, write in GEOREFERENCED.items():
-            write(folder / name, plume_map)
-    points = load_points(root / "points.npz")
+            write(target.root / name, plume_map)
+    points = load_points(files.points)
+    settings = source.config.to_plain() | {"version": __version__}
     write_report(
-        folder / "report.html",
+        target.report,
         plume_map=plume_map,
-        trajectory=recorded.trajectory,
+        trajectory=posed.trajectory,
         points_in_world=np.zeros((0, 3)) if points is None else points,
         voxels_in_world=voxels[:, :3],
         voxel_probability=voxels[:, 3],
-        frames=_report_frames(root, recorded, plume_map),
+        frames=_report_frames(files, posed, plume_map),
         stages=stages,
-        settings={name: str(value) for name, value in settings.items() if value is not None}
-        | {"version": __version__},
+        settings={name: str(value) for name, value in settings.items() if value is not None},
     )
-    return "report.html, plumes.ply"
+    written = f"{target.report.name}, {target.plume_points.name}"
+    if source.config.poses is None and _write_bag(source, key_frames, plume_map, target.plume_bag):
+        written += ", plumes.mcap"
+    return written
+
+
+def publish_inputs() -> dict[str, Any]:
+    """What the report depends on beside the map."""
+    return {"pages": [fingerprint_path(resource_path(part)) for part in PAGE_PARTS]}
+
+
+def _write_bag(source: Source, key_frames: KeyFrames, plume_map: PlumeMap, folder: Path) -> bool:
+    """Writes the plumes as a bag, in the world of the recording's poses, where it is one."""
+    bag = source.bag
+    if bag is None or not bag.has_poses:
+        return False
+    last = int(key_frames.frames[-1].source)
+    write_map(folder, plume_map, frame_id=bag.wiring.world_frame, stamp_ns=last)
+    return True
 
 
 def plume_voxels(evidence: Path, plume_map: PlumeMap) -> FloatArray:
@@ -106,27 +136,27 @@ def _inside(plume: Plume, points: FloatArray, voxel: float) -> np.ndarray:
     return np.asarray(within & (across <= REACH_RADII * radius + voxel / 2))
 
 
-def _report_frames(root: Path, recorded: Recorded, plume_map: PlumeMap) -> list[ReportFrame]:
-    _, indices, detections = load_detections(root / "detections")
-    rows = recorded.rows(indices)
-    frames = recorded.frames()
+def _report_frames(files: RunFiles, posed: PosedFrames, plume_map: PlumeMap) -> list[ReportFrame]:
+    _, indices, detections = load_detections(files.detections)
+    rows = posed.rows_of(indices)
+    frames = posed.undistorted()
     return [
         ReportFrame(
             index=indices[k],
             image=frames.images[int(rows[k])],
             llr=detections[k].llr,
-            source_px=_source_px(recorded, int(rows[k]), plume_map),
+            source_px=_source_px(posed, int(rows[k]), plume_map),
         )
         for k in np.unique(np.linspace(0, len(indices) - 1, SHOWN_FRAMES).astype(int))
     ]
 
 
-def _source_px(recorded: Recorded, row: int, plume_map: PlumeMap) -> FloatArray | None:
+def _source_px(posed: PosedFrames, row: int, plume_map: PlumeMap) -> FloatArray | None:
     """(K, 2) where the sources, or the bearings of a camera at rest, are in a frame."""
-    trajectory = recorded.undistorted_trajectory()
+    trajectory = posed.undistorted_trajectory()
     if trajectory is None and plume_map.bearings:
         directions = np.array([bearing.direction_in_cam for bearing in plume_map.bearings])
-        return recorded.camera.undistorted().project(directions)
+        return posed.camera.undistorted().project(directions)
     if trajectory is not None and plume_map.plumes:
         return trajectory.project(row, np.array([plume.source for plume in plume_map.plumes]))
     return None

@@ -1,11 +1,11 @@
 """A run is a folder: stages that write files, each atomic, each skipped when it stands."""
 
-import hashlib
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any, Self
 
 import yaml
@@ -16,16 +16,19 @@ from geometry.errors import BadInputError
 from geometry.removal import is_plain_name, path_inside, remove_inside
 from locate import __version__
 from locate.journal.costs import StageTime, cpu_seconds
+from locate.pipeline.files import RunFiles
+from locate.pipeline.fingerprint import digest, fingerprint_code
 
 SCHEMA = "locate.run/1"
-CONFIG, LOG = "config.yaml", "log.jsonl"
 PARTIAL, STAMPS = ".partial", ".stages"
 HIDDEN = (PARTIAL, STAMPS)
+OWN = (RunFiles(Path()).config.name, RunFiles(Path()).log.name)
+"""Files of the run itself; no stage makes them."""
 log = logging.getLogger("locate")
 
 
 def _checked_output(name: str) -> str:
-    if not is_plain_name(name) or name.startswith(".") or name in (CONFIG, LOG):
+    if not is_plain_name(name) or name.startswith(".") or name in OWN:
         raise ValueError(f"{name!r} is not the name of a stage's file")
     return name
 
@@ -76,6 +79,7 @@ class RunFolder:
 
     def __init__(self, root: Path, *, force: bool = False) -> None:
         self.root = root
+        self.files = RunFiles(root)
         self.times: list[StageTime] = []
         self._force = force
         self._fingerprints: dict[str, str] = {}
@@ -83,7 +87,7 @@ class RunFolder:
         try:
             root.mkdir(parents=True, exist_ok=True)
             self._claim()
-            for name in (*HIDDEN, CONFIG, LOG):
+            for name in (*HIDDEN, *OWN):
                 path_inside(root, name)
             for hidden in HIDDEN:
                 (root / hidden).mkdir(exist_ok=True)
@@ -93,15 +97,15 @@ class RunFolder:
             ) from error
 
     def _claim(self) -> None:
-        if (self.root / CONFIG).is_file():
+        if self.files.config.is_file():
             self._check_version()
-        elif any(path.name not in (*HIDDEN, LOG) for path in self.root.iterdir()):
+        elif any(path.name not in (*HIDDEN, self.files.log.name) for path in self.root.iterdir()):
             raise BadInputError(
                 f"{self.root}: not empty and not a run folder; choose another folder with -o"
             )
 
     def _check_version(self) -> None:
-        path = self.root / CONFIG
+        path = self.files.config
         try:
             content = yaml.safe_load(path.read_text())
             schema = content["schema"]
@@ -116,7 +120,7 @@ class RunFolder:
     def save_config(self, settings: Mapping[str, Any]) -> None:
         """Writes config.yaml."""
         content = {"schema": SCHEMA, "version": __version__, **settings}
-        replace_text(self.root / CONFIG, yaml.safe_dump(content, sort_keys=False))
+        replace_text(self.files.config, yaml.safe_dump(content, sort_keys=False))
 
     def stage(
         self,
@@ -124,21 +128,24 @@ class RunFolder:
         *,
         after: tuple[str, ...] = (),
         inputs: Mapping[str, object],
+        code: Sequence[ModuleType] = (),
         build: Callable[[Path], str],
     ) -> None:
-        """Does one stage, or skips it where its result stands.
+        """Does one stage, or skips it where its result is valid.
 
         Args:
             name: Of the stage.
             after: The stages whose results it reads.
             inputs: What else its result depends on; JSON-able.
+            code: The modules that make the result; with all that they import of this program,
+                they are part of what it depends on.
             build: Writes the stage's files into the folder it is given, which may hold what an
                 interrupted run of the same stage left there, and returns a note on the result.
         """
-        fingerprint = self._fingerprint(name, after, inputs)
+        fingerprint = self._fingerprint(name, after, inputs, code)
         self._done.add(name)
         stamp_path = self.root / STAMPS / f"{name}.json"
-        stamp = self._standing(stamp_path, fingerprint)
+        stamp = self._valid_stamp(stamp_path, fingerprint)
         if stamp is not None:
             self.times.append(stamp.time)
             log.info("skipped, its result stands", extra={"stage": name})
@@ -165,6 +172,7 @@ class RunFolder:
         *,
         after: tuple[str, ...] = (),
         inputs: Mapping[str, object],
+        code: Sequence[ModuleType] = (),
         build: Callable[[Path], str],
     ) -> None:
         """Does a share of a stage, as several processes may at once; `stage` finishes it.
@@ -173,20 +181,32 @@ class RunFolder:
             name: As of `stage`.
             after: Likewise.
             inputs: Likewise.
+            code: Likewise.
             build: Writes some of the stage's files into the folder it is given.
         """
-        fingerprint = self._fingerprint(name, after, inputs)
-        if self._standing(self.root / STAMPS / f"{name}.json", fingerprint) is None:
+        fingerprint = self._fingerprint(name, after, inputs, code)
+        if self._valid_stamp(self.root / STAMPS / f"{name}.json", fingerprint) is None:
             build(self._partial(name, fingerprint))
 
-    def _fingerprint(self, name: str, after: tuple[str, ...], inputs: Mapping[str, object]) -> str:
-        depends = {"stage": name, "version": __version__, "inputs": dict(inputs)}
+    def _fingerprint(
+        self,
+        name: str,
+        after: tuple[str, ...],
+        inputs: Mapping[str, object],
+        code: Sequence[ModuleType],
+    ) -> str:
+        depends: dict[str, object] = {
+            "stage": name,
+            "version": __version__,
+            "inputs": dict(inputs),
+            "code": [fingerprint_code(module.__name__) for module in code],
+        }
         depends["after"] = [self._fingerprints[other] for other in after]
         fingerprint = digest(json.dumps(depends, sort_keys=True).encode())
         self._fingerprints[name] = fingerprint
         return fingerprint
 
-    def _standing(self, stamp_path: Path, fingerprint: str) -> Stamp | None:
+    def _valid_stamp(self, stamp_path: Path, fingerprint: str) -> Stamp | None:
         stamp = None if self._force else Stamp.load(stamp_path)
         if stamp is None or stamp.fingerprint != fingerprint:
             return None
@@ -224,32 +244,7 @@ class RunFolder:
         return names
 
 
-def digest(content: bytes) -> str:
-    """A hexadecimal SHA-256."""
-    return hashlib.sha256(content).hexdigest()
-
-
 def replace_text(path: Path, text: str) -> None:
     """Writes a text file at once or not at all."""
     with replacing(path) as unfinished:
         unfinished.write_text(text)
-
-
-EDGE_BYTES = 1 << 20
-
-
-def fingerprint_of(path: Path) -> str:
-    """What tells a file or a folder of files from another: names, sizes, first and last MiB."""
-    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
-    summary = hashlib.sha256()
-    try:
-        for file in files:
-            size = file.stat().st_size
-            summary.update(f"{file.relative_to(path.parent)} {size}".encode())
-            with file.open("rb") as stream:
-                summary.update(stream.read(EDGE_BYTES))
-                stream.seek(max(0, size - EDGE_BYTES))
-                summary.update(stream.read())
-    except OSError as error:
-        raise BadInputError(f"{error.filename}: cannot be read ({error.strerror})") from error
-    return summary.hexdigest()

@@ -10,17 +10,13 @@ from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
-from locate.map.plume import PlumeMap
-from locate.messages.bags import BagTopics, TopicChoice, is_bag, opened
+from locate.messages.bags import BagTopics, TopicChoice, opened
 from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
 from locate.messages.poses import NS, PoseBuffer, StampedPose, as_trajectory
 from locate.messages.wiring import PoseResolver, Wiring
-from locate.pipeline.config import RunConfig
 from locate.recording import Recording
-from locate.robot.bag_results import write_map
 
 PENDING_NS = 10 * NS
-BAG_OPTIONS = ("image_topic", "pose_topic", "world_frame")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,22 +100,11 @@ class BagRecording:
             path=self.path,
         )
 
-    def write(self, plume_map: PlumeMap, folder: Path, last: str) -> bool:
-        """Writes what a run found as a bag, in the world of this one's poses; see `write_map`.
-
-        Args:
-            plume_map: What it found.
-            folder: The new bag.
-            last: Name of the last frame.
-
-        Returns:
-            False where this bag holds no poses: then the map is in no frame of the robot's.
-        """
+    @cached_property
+    def has_poses(self) -> bool:
+        """Whether the bag holds poses: without them a map is in no frame of the robot's."""
         with opened(self.path) as reader:
-            posed = BagTopics(reader, self.path, self.topics, whole=False).pose is not None
-        if posed:
-            write_map(folder, plume_map, frame_id=self.wiring.world_frame, stamp_ns=int(last))
-        return posed
+            return BagTopics(reader, self.path, self.topics, whole=False).pose is not None
 
     def _images(self, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
         """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""
@@ -176,19 +161,6 @@ class _PoseSearch:
                 yield pose
             if pose is not None or stamp < self._pending[-1] - PENDING_NS:
                 self._pending.remove(stamp)
-
-
-def bag_of(config: RunConfig) -> BagRecording | None:
-    """The bag that a run is asked to read; None where the recording is none."""
-    if not is_bag(config.recording):
-        asked = [name for name in BAG_OPTIONS if getattr(config, name) is not None]
-        if asked:
-            option = f"--{asked[0].replace('_', '-')}"
-            raise BadInputError(f"{config.recording}: is no bag; leave {option} out")
-        return None
-    topics = TopicChoice(image=config.image_topic, pose=config.pose_topic)
-    wiring = Wiring() if config.world_frame is None else Wiring(world_frame=config.world_frame)
-    return BagRecording(path=config.recording, topics=topics, wiring=wiring)
 
 
 def _pass(_what: str, _error: BadInputError) -> None:

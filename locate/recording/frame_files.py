@@ -10,8 +10,8 @@ import numpy as np
 from detect.detection import Frames
 from geometry.named_poses import read_camera
 from geometry.pose_files import read_named_poses
-from locate.pipeline.observe import Recorded
 from locate.recording.images import FrameImages, write_png
+from locate.recording.posed_frames import PosedFrames
 from locate.recording.recording import Recording
 
 PHOTOS_FPS = 4.0
@@ -97,14 +97,14 @@ class FrameFiles:
             self.names, np.array(self.indices), np.array(self.times_s), size=self.size
         )
         left = self._take(rows.tolist())
-        recorded = Recorded(
+        posed = PosedFrames(
             folder=left.folder,
             names=left.names,
             indices=trajectory.indices,
             camera=trajectory.camera,
             trajectory=trajectory,
         )
-        return left, recorded.frames()
+        return left, posed.undistorted()
 
     def _take(self, rows: Iterable[int]) -> Self:
         rows = list(rows)

@@ -13,7 +13,7 @@ from geometry.threads import with_one_blas_thread
 from locate import __version__
 from locate.journal.progress import Report, silent
 from locate.map.plume import Plume
-from locate.pipeline.run_folder import CONFIG
+from locate.pipeline.files import RunFiles
 from locate.survey.answer import hotspots_of, notes_of, sightings_in
 from locate.survey.associate import Fused, associate
 from locate.survey.cells import Cells, Spot, count_cells
@@ -109,7 +109,7 @@ def _named(given: Sequence[Path], before: Survey, output: Path) -> list[Given]:
         flight = known.get(path)
         name = _free_name(path, taken) if flight is None else flight.name
         taken.add(name)
-        folder = path if (path / CONFIG).is_file() else output.resolve() / FLIGHTS / name
+        folder = path if RunFiles(path).config.is_file() else output.resolve() / FLIGHTS / name
         found.append(Given(name=name, source=path, folder=folder, known=flight))
     return found
 

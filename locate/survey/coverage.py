@@ -23,8 +23,9 @@ from locate.fusion.search.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.pipeline.observe import load_detections, load_response
-from locate.pipeline.run_folder import digest
+from locate.pipeline.detections import INDEX, load_detections, load_response
+from locate.pipeline.files import RunFiles
+from locate.pipeline.fingerprint import digest
 from locate.survey.flights import read_config
 from locate.survey.frame import offset_of
 from locate.survey.model import Column, Flight
@@ -155,7 +156,7 @@ def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> 
     plumes = flight.answer.plumes
     columns = np.concatenate([cells, np.reshape([column_of(plume) for plume in plumes], (-1, 8))])
     needed = np.append(np.full(len(cells), threshold), [plume.evidence_nats for plume in plumes])
-    response = load_response(flight.folder / "detections")
+    response = load_response(RunFiles(flight.folder).detections)
     found_px = column_limits_px(views, columns, needed, response)
     limit_px[rows, easts] = found_px[: len(cells)]
     return Looks(low=low, limit_px=limit_px, seen_px=found_px[len(cells) :].astype(np.float32))
@@ -175,10 +176,10 @@ def views_of(folder: Path) -> Views:
     Raises:
         BadInputError: Its detections are gone or broken.
     """
-    if not (folder / "detections" / "index.json").is_file():
+    if not (RunFiles(folder).detections / INDEX).is_file():
         raise BadInputError(f"{folder}: its detections are gone")
-    _, indices, found = load_detections(folder / "detections")
-    trajectory = Trajectory.load(folder / "trajectory.json")
+    _, indices, found = load_detections(RunFiles(folder).detections)
+    trajectory = Trajectory.load(RunFiles(folder).trajectory)
     rows = np.searchsorted(trajectory.indices, indices)
     pinhole = replace(trajectory, camera=trajectory.camera.undistorted())
     return Views.from_detections(found, pinhole.take(rows))
@@ -186,7 +187,7 @@ def views_of(folder: Path) -> Views:
 
 def threshold_nats(folder: Path, views: Views) -> float:
     """What the run took for a plume: as it wrote, or drawn again as it drew it."""
-    path = folder / "evidence.npz"
+    path = RunFiles(folder).evidence
     stated = read_npz(path).get("threshold_nats") if path.exists() else None
     if stated is not None:
         return float(stated)

@@ -14,8 +14,9 @@ from geometry.trajectory import Trajectory
 from locate.journal.log import log_to_file
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
-from locate.pipeline.place import telemetry_of
-from locate.pipeline.run_folder import CONFIG, LOG, digest, fingerprint_of
+from locate.pipeline.files import RunFiles
+from locate.pipeline.fingerprint import digest, fingerprint_path
+from locate.pipeline.source import telemetry_of
 from locate.survey.model import Flight, Settings
 from locate.survey.moments import moment_of
 
@@ -79,7 +80,7 @@ class Fly:
         share = (int(name.split()[1]), BATCHES) if name.startswith("detections") else None
         try:
             run = Run(self.settings.run_of(given.source), given.folder)
-            with log_to_file(given.folder / LOG):
+            with log_to_file(RunFiles(given.folder).log):
                 run.prepare(poses=name != "frames", share=share)
         except InterruptedRunError:
             raise
@@ -103,16 +104,16 @@ class Fly:
 
     def _digest(self, given: Given) -> str:
         if given.folder == given.source:
-            return fingerprint_of(given.folder / "map.json")
+            return fingerprint_path(RunFiles(given.folder).map)
         settings = self.settings.run_of(given.source).to_plain()
-        content = {"recording": fingerprint_of(given.source), **settings}
+        content = {"recording": fingerprint_path(given.source), **settings}
         return digest(json.dumps(content, sort_keys=True).encode())
 
     def _run(self, given: Given) -> None:
         from locate.pipeline.run import Run
 
         run = Run(self.settings.run_of(given.source), given.folder)
-        with log_to_file(given.folder / LOG):
+        with log_to_file(RunFiles(given.folder).log):
             run.run()
 
 
@@ -122,12 +123,12 @@ def read_flight(given: Given, made_from: str) -> Flight:
     Raises:
         BadInputError: The folder does not hold a run, or the run has no place on the Earth.
     """
-    answer = PlumeMap.load(given.folder / "map.json")
-    if not (given.folder / "trajectory.json").exists():
+    answer = PlumeMap.load(RunFiles(given.folder).map)
+    if not RunFiles(given.folder).trajectory.exists():
         raise BadInputError(f"{given.source}: {AT_REST}")
     if answer.georeference is None or "covariance" not in answer.georeference:
         raise BadInputError(f"{given.source}: {NOT_LOCATED}")
-    trajectory = Trajectory.load(given.folder / "trajectory.json")
+    trajectory = Trajectory.load(RunFiles(given.folder).trajectory)
     place = Georeference.from_dict(answer.georeference)
     rows = np.unique(np.linspace(0, len(trajectory) - 1, PATH_POINTS).astype(int))
     lat, lon, _ = place.lat_lon_height(trajectory.centers_in_world[rows]).T
@@ -146,7 +147,7 @@ def read_flight(given: Given, made_from: str) -> Flight:
 
 def read_config(folder: Path) -> RunConfig | None:
     """What a run was told; None where its recording is gone."""
-    path = folder / CONFIG
+    path = RunFiles(folder).config
     try:
         content: dict[str, Any] = yaml.safe_load(path.read_text())
         known = {name: content[name] for name in RunConfig.model_fields if name in content}

@@ -10,7 +10,7 @@ from typing import Any
 from geometry.atomic import replacing
 from geometry.errors import BadInputError
 from geometry.removal import path_inside
-from locate.pipeline.run_folder import digest
+from locate.pipeline.fingerprint import digest
 from locate.survey.engine import LOCAL, map_flights
 from locate.telemetry.read import SIDECARS
 

@@ -15,7 +15,7 @@ from geometry.trajectory import Trajectory
 from locate.cli import app
 from locate.pipeline.config import RunConfig
 from locate.pipeline.known_lengths import KnownDistance, KnownLengths, parse_board
-from locate.pipeline.place import Placement
+from locate.pipeline.placement import Placement
 from locate.pipeline.run import Run
 from tests.geometry.surveys import looking_down
 
@@ -96,7 +96,7 @@ def test_a_distance_makes_a_run_metric(photos, cameras, tmp_path):
     placement = placed(photos, cameras, tmp_path, distance=file)
     assert placement.alignment is not None
     assert placement.alignment.target_from_source.scale * SCALE == pytest.approx(1, rel=1e-4)
-    assert placement.summary() == "metric by drum to valve"
+    assert placement.describe() == "metric by drum to valve"
     # 1 cm of 1.42 m, and the clicks
     assert placement.alignment.scale_sigma == pytest.approx(0.0075, rel=0.25)
 

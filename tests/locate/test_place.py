@@ -9,7 +9,8 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.pipeline.place import Placement, place
+from locate.pipeline.place import place_reconstruction
+from locate.pipeline.placement import Placement
 from locate.recording.index import KeyFrame, KeyFrames
 from locate.simulation.paths import fly
 from locate.simulation.scene import PathBlock, Scene, VideoBlock
@@ -58,8 +59,10 @@ def write_csv(path: Path, flight: Trajectory, seed: int = 0) -> Path:
 def test_photos_with_gps_are_placed_on_the_earth(flight: Trajectory, tmp_path: Path) -> None:
     source = reconstructed(flight)
     telemetry = write_csv(tmp_path / "gps.csv", flight)
-    placement = place(source, frames_of(flight, video=False), [telemetry], asked=True)
-    moved = placement.moved(source)
+    placement = place_reconstruction(
+        source, frames_of(flight, video=False), [telemetry], asked=True
+    )
+    moved = placement.apply(source)
     assert (moved.metric, moved.gravity) == (True, True)
     assert placement.georeference is not None
     there = placement.georeference.lat_lon_height(moved.centers_in_world)
@@ -73,26 +76,26 @@ def test_photos_with_gps_are_placed_on_the_earth(flight: Trajectory, tmp_path: P
 def test_a_placement_is_read_back(flight: Trajectory, tmp_path: Path) -> None:
     source = reconstructed(flight)
     telemetry = write_csv(tmp_path / "gps.csv", flight)
-    placement = place(source, frames_of(flight, video=False), [telemetry])
+    placement = place_reconstruction(source, frames_of(flight, video=False), [telemetry])
     placement.save(tmp_path / "placement.json")
     again = Placement.load(tmp_path / "placement.json")
     np.testing.assert_allclose(
-        again.moved(source).centers_in_world, placement.moved(source).centers_in_world
+        again.apply(source).centers_in_world, placement.apply(source).centers_in_world
     )
     assert again.georeference == placement.georeference
-    assert "metric, gravity, located by gps.csv" in again.summary()
+    assert "metric, gravity, located by gps.csv" in again.describe()
 
 
 def test_what_was_found_and_cannot_be_used_is_noted(flight: Trajectory, tmp_path: Path) -> None:
     source, frames = reconstructed(flight), frames_of(flight, video=False)
     telemetry = write_csv(tmp_path / "gps.csv", flight.take(np.arange(2)))
-    placement = place(source, frames, [tmp_path / "folder", telemetry])
+    placement = place_reconstruction(source, frames, [tmp_path / "folder", telemetry])
     assert placement.alignment is None
-    np.testing.assert_array_equal(placement.moved(source).translations, source.translations)
+    np.testing.assert_array_equal(placement.apply(source).translations, source.translations)
     (note,) = placement.notes
     assert "gps.csv" in note
     with pytest.raises(BadInputError, match=r"gps\.csv"):
-        place(source, frames, [telemetry], asked=True)
+        place_reconstruction(source, frames, [telemetry], asked=True)
 
 
 def test_a_known_camera_height_sets_the_scale(flight: Trajectory) -> None:
@@ -100,14 +103,14 @@ def test_a_known_camera_height_sets_the_scale(flight: Trajectory) -> None:
     ground = np.c_[rng.uniform(-60, 60, (400, 2)), rng.normal(0, 0.02, 400)]
     to_source = Similarity(scale=0.07, rotation=np.eye(3), translation=np.zeros(3))
     source = replace(flight.transformed(to_source), metric=False, gravity=False)
-    placement = place(
+    placement = place_reconstruction(
         source, frames_of(flight, video=True), [], camera_height_m=20.0,
         points_in_world=to_source(ground),
     )  # fmt: skip
-    moved = placement.moved(source)
+    moved = placement.apply(source)
     assert moved.metric
     assert np.ptp(moved.centers_in_world[:, 0]) == pytest.approx(
         np.ptp(flight.centers_in_world[:, 0]), rel=0.02
     )
     with pytest.raises(BadInputError, match="needs a reconstruction"):
-        place(source, frames_of(flight, video=True), [], camera_height_m=20.0)
+        place_reconstruction(source, frames_of(flight, video=True), [], camera_height_m=20.0)

@@ -9,15 +9,24 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
+from detect.registered import measure
 from geometry.errors import BadInputError
+from geometry.georeference import fit
+from geometry.sfm import mapping
 from geometry.trajectory import Trajectory
+from locate.export.report import words
+from locate.fusion.search import limit
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
+from locate.pipeline.fingerprint import source_of
 from locate.pipeline.run import Run
+from locate.pipeline.run_folder import RunFolder, Stamp
+from locate.recording import keyframes
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.recording.writer import LOSSLESS, open_video
 from tests.detect.fluctuating import frames
@@ -68,14 +77,48 @@ def test_second_run_skips_everything(finished: Path) -> None:
     assert (finished / "map.json").stat().st_mtime_ns == before
 
 
-def test_another_method_decides_anew(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stamp(stage: str) -> int:
-        return (finished / ".stages" / f"{stage}.json").stat().st_mtime_ns
+def stage_fingerprints(finished: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Of every stage of the finished run, were it run again; nothing is done."""
+    found: dict[str, str] = {}
 
-    before = {stage: stamp(stage) for stage in STAGES}
-    monkeypatch.setattr("locate.pipeline.run.METHOD", (Path(__file__),))
+    def record(folder, name, *, after=(), inputs, code=(), build) -> None:
+        found[name] = folder._fingerprint(name, after, inputs, code)
+
+    monkeypatch.setattr(RunFolder, "stage", record)
+    monkeypatch.setattr(RunFolder, "withdraw_others", lambda _: None)
     Run(RunConfig(recording=SAMPLE_VIDEO, max_frames=int(FRAMES)), finished).run()
-    assert [stage for stage in STAGES if stamp(stage) != before[stage]] == ["fusion", "report"]
+    return found
+
+
+def test_stamps_hold_these_fingerprints(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stamps = {name: Stamp.load(finished / ".stages" / f"{name}.json") for name in STAGES}
+    expected = stage_fingerprints(finished, monkeypatch)
+    assert {name: stamp.fingerprint for name, stamp in stamps.items() if stamp} == expected
+
+
+@pytest.mark.parametrize(
+    ("module", "first"),
+    [
+        (keyframes, "frames"),
+        (mapping, "poses"),
+        (fit, "place"),
+        (measure, "detections"),
+        (limit, "fusion"),
+        (words, "report"),
+    ],
+)
+def test_a_change_of_the_code_of_a_stage_does_it_and_those_after_it_again(
+    finished: Path, module: ModuleType, first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = stage_fingerprints(finished, monkeypatch)
+
+    def edited(name: str) -> bytes:
+        return source_of(name) + b"#" * (name == module.__name__)
+
+    monkeypatch.setattr("locate.pipeline.fingerprint.source_of", edited)
+    after = stage_fingerprints(finished, monkeypatch)
+    changed = [stage for stage in STAGES if before[stage] != after[stage]]
+    assert changed == list(STAGES[STAGES.index(first) :])
 
 
 def stage_has_begun(log: Path, stage: str) -> bool:

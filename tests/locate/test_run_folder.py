@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from geometry.errors import BadInputError
-from locate.pipeline.run_folder import RunFolder, fingerprint_of
+from locate.pipeline.run_folder import RunFolder
 
 
 def make(text: str, calls: list[str]):
@@ -119,15 +119,6 @@ def test_output_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInputError, match="cannot be written"):
         RunFolder(tmp_path / "file")
-
-
-def test_fingerprint_sees_content_and_names(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(b"1")
-    first = fingerprint_of(tmp_path)
-    (tmp_path / "a").write_bytes(b"2")
-    second = fingerprint_of(tmp_path)
-    (tmp_path / "a").rename(tmp_path / "b")
-    assert len({first, second, fingerprint_of(tmp_path)}) == 3
 
 
 def test_stage_times_survive_a_skip(tmp_path: Path) -> None:

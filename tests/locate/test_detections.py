@@ -12,7 +12,8 @@ from detect.response import Response
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.journal.progress import silent
-from locate.pipeline.observe import Recorded, load_detections, load_response, observe
+from locate.pipeline.detections import load_detections, load_response, measure_frames
+from locate.recording.posed_frames import PosedFrames
 
 SAYS = Response(ratios=(0.0, 2.0), llr=(-1.0, 3.0))
 
@@ -34,13 +35,13 @@ def test_the_response_stands_beside_the_detections(
     tmp_path: Path, response: Response | None
 ) -> None:
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((12, 16), np.uint8))
-    recorded = Recorded(
+    recorded = PosedFrames(
         folder=tmp_path,
         names=["0.png"],
         indices=np.array([7]),
         camera=Camera.pinhole(16, 12, 20.0),
     )
-    observe(recorded, Blind(response), tmp_path / "out", most=1, report=silent)
+    measure_frames(recorded, Blind(response), tmp_path / "out", most=1, report=silent)
     assert load_response(tmp_path / "out") == response
     assert load_detections(tmp_path / "out")[:2] == ("blind", [7])
 

@@ -1,0 +1,112 @@
+"""The stage that measures: refraction in some of the frames, one file a frame."""
+
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from detect.detection import Detection, Detector
+from detect.response import Response
+from geometry.arrays import IntArray
+from geometry.atomic import replacing
+from geometry.errors import BadInputError, first_complaint
+from locate.journal.progress import Report
+from locate.recording.posed_frames import PosedFrames
+
+ENDS = 3
+"""Frames at each end of a recording that are not measured: they lack neighbours on one side."""
+WHOLE = (0, 1)
+"""The share of a stage that is all of it: every frame from the first."""
+INDEX = "index.json"
+
+
+def measure_frames(
+    posed: PosedFrames,
+    detector: Detector,
+    folder: Path,
+    *,
+    most: int,
+    report: Report,
+    share: tuple[int, int] = WHOLE,
+) -> str:
+    """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
+
+    Frames that already have their file are left alone. Of a share (k, n), every n-th frame from
+    the k-th is done, and no index written.
+    """
+    folder.mkdir(exist_ok=True)
+    frames = posed.undistorted()
+    rows = spread_rows(len(frames), most, ends=0 if posed.trajectory is None else ENDS)
+    share_rows = rows[share[0] :: share[1]]
+    for done, row in enumerate(share_rows):
+        report("detections", done / len(share_rows))
+        path = folder / f"{posed.indices[row]:06d}.npz"
+        if not path.exists():
+            detector.detect(frames, int(row)).save(path)
+    report("detections", 1.0)
+    if share == WHOLE:
+        DetectionIndex(
+            detector=detector.name,
+            indices=posed.indices[rows].tolist(),
+            response=None if detector.response is None else detector.response.to_plain(),
+        ).save(folder)
+    return f"{len(rows)} frames, {detector.name}"
+
+
+def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:
+    """The detector's name, the frame indices and the detections that `measure_frames` wrote.
+
+    Raises:
+        BadInputError: A file is missing or broken; named.
+    """
+    index = DetectionIndex.load(folder)
+    found = [Detection.load(folder / f"{i:06d}.npz") for i in index.indices]
+    return index.detector, index.indices, found
+
+
+def load_response(folder: Path) -> Response | None:
+    """What evidence the detector of `load_detections` gives a displacement; None if not stated.
+
+    Raises:
+        BadInputError: What is stated cannot be read.
+    """
+    stated = DetectionIndex.load(folder).response
+    return None if stated is None else Response.from_plain(stated, str(folder / INDEX))
+
+
+def spread_rows(count: int, most: int, *, ends: int) -> IntArray:
+    """At most `most` of `count` rows, evenly, without the `ends` that lack neighbours."""
+    ends = min(ends, (count - 1) // 2)
+    usable = count - 2 * ends
+    chosen = np.linspace(ends, count - 1 - ends, min(most, usable))
+    return np.rint(chosen).astype(np.int64)
+
+
+class DetectionIndex(BaseModel):
+    """What a folder of detections holds: its index.json."""
+
+    detector: str
+    indices: list[int]
+    response: dict[str, Any] | None = None
+
+    def save(self, folder: Path) -> None:
+        """Writes the index, whole or not at all."""
+        with replacing(folder / INDEX) as path:
+            path.write_text(self.model_dump_json(exclude_none=True))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Reads what `save` wrote.
+
+        Raises:
+            BadInputError: It is missing or broken.
+        """
+        path = folder / INDEX
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except OSError as error:
+            raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+        except ValidationError as error:
+            what = " ".join(first_complaint(error)).strip()
+            raise BadInputError(f"{path}: not an index of detections ({what})") from error

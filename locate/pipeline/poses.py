@@ -1,0 +1,124 @@
+"""The stage that registers: a pose for every key frame, reconstructed or given."""
+
+import errno
+import shutil
+from pathlib import Path
+
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from geometry.named_poses import NamedPoses
+from geometry.removal import remove_inside
+from geometry.sfm import reconstruct
+from geometry.trajectory import Trajectory
+from locate.journal.progress import Report
+from locate.pipeline.files import RunFiles
+from locate.pipeline.source import Source
+from locate.recording import KeyFrames
+from locate.recording.posed_frames import PosedFrames
+
+GUESSED_FOCAL = 1.2
+"""Focal length of a camera at rest of which nothing is known, in longer sides of the image."""
+MOVING_SHARE = 0.02
+"""An image that moves by more than this share of its width is no camera at rest."""
+SFM_BYTES_PER_FRAME = 1_000_000
+"""Disk space that structure from motion takes for a frame, at most."""
+
+
+def reconstruct_poses(
+    source: Source, key_frames: KeyFrames, files: RunFiles, target: RunFiles, report: Report
+) -> str:
+    """Runs structure from motion on the key frames; returns a summary.
+
+    Args:
+        source: What is known of the camera.
+        key_frames: The frames.
+        files: Where their images are.
+        target: Where to write.
+        report: Takes the progress.
+
+    Raises:
+        RegistrationError: The frames could not be registered; the error says why.
+        OSError: Too little space.
+    """
+    free = shutil.disk_usage(target.root).free
+    if free < len(key_frames) * SFM_BYTES_PER_FRAME:
+        raise OSError(errno.ENOSPC, "too little space for structure from motion", str(target.root))
+    remove_inside(target.root, target.sfm.name)
+    result = reconstruct(
+        files.frames,
+        key_frames.names,
+        key_frames.indices,
+        key_frames.times_s,
+        camera=source.known_camera(key_frames),
+        focal_prior_px=source.focal_prior_px(key_frames),
+        workdir=target.sfm,
+        ordered=key_frames.is_video,
+        progress=lambda _, share: report("poses", share),
+    )
+    result.save(target.sfm)
+    return f"{len(result.trajectory)} of {len(key_frames)} frames, {result.report['method']}"
+
+
+def adopt_poses(given: NamedPoses, key_frames: KeyFrames, target: RunFiles) -> str:
+    """Matches given poses to the key frames; returns a summary.
+
+    Raises:
+        BadInputError: Too few frames have one.
+    """
+    trajectory, _ = given.match_to_frames(
+        [frame.source for frame in key_frames.frames],
+        key_frames.indices,
+        key_frames.times_s,
+        size=(key_frames.width, key_frames.height),
+    )
+    target.sfm.mkdir(exist_ok=True)
+    trajectory.save(target.sfm_trajectory)
+    return f"{len(trajectory)} of {len(key_frames)} frames, given"
+
+
+def frames_with_poses(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:
+    """The key frames that have a pose in the world of the map."""
+    trajectory = Trajectory.load(files.trajectory)
+    return PosedFrames(
+        folder=files.frames,
+        names=names_of(trajectory, key_frames),
+        indices=trajectory.indices,
+        camera=trajectory.camera,
+        trajectory=trajectory,
+    )
+
+
+def frames_at_rest(source: Source, key_frames: KeyFrames, folder: Path) -> PosedFrames:
+    """The key frames of a camera at rest."""
+    camera = source.known_camera(key_frames)
+    if camera is None:
+        longest = max(key_frames.width, key_frames.height)
+        focal_px = source.focal_prior_px(key_frames) or GUESSED_FOCAL * longest
+        camera = Camera.pinhole(key_frames.width, key_frames.height, focal_px)
+    return PosedFrames(
+        folder=folder,
+        names=key_frames.names,
+        indices=key_frames.indices,
+        camera=camera,
+        times_s=key_frames.times_s if key_frames.is_video else None,
+    )
+
+
+def check_rest(posed: PosedFrames, recording: Path) -> None:
+    """Refuses frames that move, for a detector that needs a camera at rest.
+
+    Raises:
+        BadInputError: They do.
+    """
+    motion_px = posed.image_motion_px()
+    if motion_px > MOVING_SHARE * posed.camera.width:
+        raise BadInputError(
+            f"{recording}: bos needs a camera at rest and the image moves by "
+            f"{motion_px:.0f} px; use --detector registered"
+        )
+
+
+def names_of(trajectory: Trajectory, key_frames: KeyFrames) -> list[str]:
+    """The file names of the frames of a trajectory."""
+    names = dict(zip(key_frames.indices.tolist(), key_frames.names, strict=True))
+    return [names[index] for index in trajectory.indices.tolist()]

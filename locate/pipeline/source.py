@@ -1,0 +1,127 @@
+"""Where the frames of a run come from: a video, a folder of photos, or a robot's bag."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from geometry.camera import Camera
+from geometry.errors import BadInputError
+from geometry.named_poses import NamedPoses, read_camera, resized
+from geometry.pose_files import read_named_poses
+from locate.messages.bags import TopicChoice, is_bag
+from locate.messages.wiring import Wiring
+from locate.pipeline.config import RunConfig
+from locate.pipeline.fingerprint import fingerprint_path
+from locate.recording import KeyFrames, Recording, open_recording
+from locate.recording.bag import BagRecording
+from locate.recording.recording import ANY_SIDE
+from locate.telemetry import telemetry_candidates
+
+BAG_OPTIONS = ("image_topic", "pose_topic", "world_frame")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A recording, and what its user and its own messages say of the camera.
+
+    Attributes:
+        config: The settings of the run.
+        bag: The recording as a bag; None where it is none.
+    """
+
+    config: RunConfig
+    bag: BagRecording | None
+
+    @classmethod
+    def of(cls, config: RunConfig) -> Self:
+        """The source that a run is asked to read.
+
+        Raises:
+            BadInputError: An option of bags was given for something else.
+        """
+        if is_bag(config.recording):
+            topics = TopicChoice(image=config.image_topic, pose=config.pose_topic)
+            frame = config.world_frame
+            wiring = Wiring() if frame is None else Wiring(world_frame=frame)
+            bag = BagRecording(path=config.recording, topics=topics, wiring=wiring)
+            return cls(config=config, bag=bag)
+        asked = [name for name in BAG_OPTIONS if getattr(config, name) is not None]
+        if asked:
+            option = f"--{asked[0].replace('_', '-')}"
+            raise BadInputError(f"{config.recording}: is no bag; leave {option} out")
+        return cls(config=config, bag=None)
+
+    def open_frames(self, max_side: int) -> Recording:
+        """The frames, none longer than `max_side` px.
+
+        Raises:
+            BadInputError: They cannot be read.
+        """
+        if self.bag is not None:
+            return self.bag.recording(max_side=max_side)
+        return open_recording(self.config.recording, max_side=max_side)
+
+    def known_camera(self, key_frames: KeyFrames) -> Camera | None:
+        """The camera of the key frames, where the user or the bag gave one."""
+        size = key_frames.width, key_frames.height
+        if self.config.camera is not None:
+            return read_camera(self.config.camera, *size)
+        if self.bag is not None and self.bag.camera is not None:
+            return resized(self.bag.camera, *size)
+        return None
+
+    def focal_prior_px(self, key_frames: KeyFrames) -> float | None:
+        """The focal length in px of the key frames, as given or by metadata."""
+        if self.config.focal_px is None:
+            return key_frames.focal_prior_px
+        own_width = self.open_frames(ANY_SIDE).width
+        return self.config.focal_px * key_frames.width / own_width
+
+    def given_poses(self, key_frames: KeyFrames) -> NamedPoses | None:
+        """The poses of the user's file or of the bag."""
+        if self.config.poses is not None:
+            return read_named_poses(self.config.poses, self.known_camera(key_frames))
+        return None if self.bag is None else self.bag.poses(self.known_camera(key_frames))
+
+    def telemetry(self) -> tuple[Path, ...]:
+        """The files that may say where the recording was made; a bag needs none."""
+        if self.bag is not None and self.config.telemetry is None:
+            return ()
+        return telemetry_of(self.config.recording, self.config.telemetry)
+
+    def focal_notes(self, key_frames: KeyFrames, *, at_rest: bool) -> tuple[str, ...]:
+        """What the reader of the map should know of the focal length."""
+        config = self.config
+        given = config.camera or config.poses or config.focal_px
+        given = given or (self.bag is not None and self.bag.camera is not None)
+        if given or key_frames.focal_prior_px is not None:
+            return ()
+        how = "guessed" if at_rest else "estimated from the frames"
+        return (f"The focal length is {how}; give it with --focal or --camera if you know it.",)
+
+    def frame_inputs(self) -> dict[str, Any]:
+        """What the key frames depend on."""
+        config = self.config
+        inputs: dict[str, Any] = {
+            "recording": fingerprint_path(config.recording),
+            "max_frames": config.max_frames,
+            "max_side": config.max_side,
+        }
+        return inputs if self.bag is None else inputs | {"image_topic": config.image_topic}
+
+    def pose_inputs(self) -> dict[str, Any]:
+        """What else the poses depend on."""
+        config = self.config
+        inputs: dict[str, Any] = {
+            name: None if path is None else fingerprint_path(path)
+            for name, path in (("poses", config.poses), ("camera", config.camera))
+        }
+        inputs["focal_px"] = config.focal_px
+        if self.bag is not None:
+            inputs |= {"pose_topic": config.pose_topic, "world_frame": config.world_frame}
+        return inputs
+
+
+def telemetry_of(recording: Path, asked: Path | None) -> tuple[Path, ...]:
+    """The files that may say where a recording was made: the one asked for, or all that may."""
+    return (asked,) if asked is not None else telemetry_candidates(recording)

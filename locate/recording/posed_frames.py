@@ -1,0 +1,64 @@
+"""The frames of a run with their camera and its poses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from detect.detection import Frames
+from detect.fluctuation import in_a_row
+from geometry.arrays import FloatArray, GreyImage, IntArray
+from geometry.camera import Camera
+from geometry.trajectory import Trajectory
+from locate.recording.images import FrameImages
+from locate.recording.keyframes import CLOSELY_S
+from locate.recording.motion import median_motion
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosedFrames:
+    """The frames of a run and what is known of their camera.
+
+    Attributes:
+        folder: Where the images are.
+        names: N file names.
+        indices: (N,) index of each in the recording.
+        camera: That took them.
+        trajectory: Its N poses; None where it was at rest.
+        times_s: (N,) when each was taken; None where that is not known, as of photos.
+    """
+
+    folder: Path
+    names: Sequence[str]
+    indices: IntArray
+    camera: Camera
+    trajectory: Trajectory | None = None
+    times_s: FloatArray | None = None
+
+    def undistorted(self) -> Frames:
+        """The frames, undistorted, with the pinhole camera that would have taken them so."""
+        images = FrameImages([self.folder / name for name in self.names], self.camera)
+        return Frames(images=images, trajectory=self.undistorted_trajectory())
+
+    def undistorted_trajectory(self) -> Trajectory | None:
+        """The poses with the pinhole camera of the undistorted frames."""
+        if self.trajectory is None:
+            return None
+        return replace(self.trajectory, camera=self.camera.undistorted())
+
+    def longest_sequence(self) -> Sequence[GreyImage]:
+        """The frames, undistorted, of the longest run that follow each other closely in time."""
+        if self.times_s is None:
+            return ()
+        return self.undistorted().images[in_a_row(self.times_s, CLOSELY_S)]
+
+    def image_motion_px(self) -> float:
+        """How far the image moves from the first frame to the middle and the last, median, px."""
+        images = FrameImages([self.folder / name for name in self.names])
+        ends = (len(images) // 2, len(images) - 1)
+        return max(median_motion(images[0], images[end]) for end in ends)
+
+    def rows_of(self, indices: Sequence[int]) -> IntArray:
+        """Which rows the frames of these indices are."""
+        return np.searchsorted(self.indices, np.asarray(indices, dtype=np.int64))
