@@ -85,9 +85,7 @@ def told_apart(seed: int, arc_deg: float, count: int, gap_m: float) -> bool:
 def null_of(seed: int, arc_deg: float, count: int) -> NullLevel:
     _, views = drawn_views(seed, arc_deg, count)
     rng = np.random.default_rng(seed)
-    return NullLevel.from_views(
-        views, views.volume(), views.unit, rng, progress=lambda _share: None
-    )
+    return NullLevel.from_views(views, views.volume(), rng, progress=lambda _share: None)
 
 
 def main() -> None:

@@ -32,15 +32,15 @@ from detect.kinds import REGISTERED
 from detect.registered import RegisteredDetector
 from detect.registry import DetectorChoice
 from detect.synthesis.sample import log_uniform
-from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
-from locate.fusion.search.column import evidence
-from locate.fusion.search.fit import fit_columns, gap
+from locate.fusion.search.columns import PlumeColumn
+from locate.fusion.search.fit import fit_columns
 from locate.fusion.search.limit import detection_limit_px
 from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import STARTS, propose
+from locate.fusion.search.score import evidence
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.decide import cap_probability
@@ -104,9 +104,7 @@ def judge(sequence: Recorded, leak: simulated.Plume, detector: RegisteredDetecto
         views=len(views),
         floor_nats=floor_nats,
         threshold_nats=fused.threshold_nats,
-        limit_px=detection_limit_px(
-            views, fused.threshold_nats, views.unit, response=detector.response
-        ),
+        limit_px=detection_limit_px(views, fused.threshold_nats, response=detector.response),
         strongest=strongest(views, null, true),
         unasked=next((true.stated(plume) for plume in lenient.plumes), NOTHING),
         plumes=tuple(
@@ -118,24 +116,24 @@ def judge(sequence: Recorded, leak: simulated.Plume, detector: RegisteredDetecto
 def chance(views: Views) -> NullLevel:
     """The null that `fuse` draws of these views."""
     rng = np.random.default_rng(0)
-    return NullLevel.from_views(views, views.volume(), views.unit, rng, progress=lambda _: None)
+    return NullLevel.from_views(views, views.volume(), rng, progress=lambda _: None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
     """Where a plume stands: an upright column of fusion, and its distance from the cameras."""
 
-    column: FloatArray
+    column: PlumeColumn
     range_m: float
 
     @classmethod
     def of(cls, leak: simulated.Plume, trajectory: Trajectory) -> "Place":
-        column = np.array([*leak.source, 0, 0, leak.height_m, leak.radius_m, 0])
+        column = PlumeColumn(np.array([*leak.source, 0, 0, leak.height_m, leak.radius_m, 0]))
         away = np.linalg.norm(trajectory.centers_in_world - np.array(leak.source), axis=1)
         return cls(column=column, range_m=float(away.mean()))
 
-    def off(self, column: FloatArray) -> float:
-        return gap(column, self.column) / self.range_m
+    def off(self, column: PlumeColumn) -> float:
+        return column.gap_to(self.column) / self.range_m
 
     def stated(self, plume: Plume) -> Stated:
         off = self.off(axis_of(plume))
@@ -145,18 +143,19 @@ class Place:
 def strongest(views: Views, null: NullLevel, true: Place) -> Stated:
     """The strongest column, searched for as in the draws of chance."""
     rng = np.random.default_rng(0)
-    starts = propose(views, views.volume(), views.unit, most=STARTS)[0].columns
-    best = fit_columns(partial(evidence, views), starts, views.unit, rng)[:1]
-    if not len(best):
+    starts = propose(views, views.volume(), most=STARTS)[0].columns
+    columns = fit_columns(partial(evidence, views), starts, views.unit, rng)
+    if not len(columns):
         return NOTHING
-    nats = float(evidence(views, best)[0])
-    return Stated(nats=nats, probability=1 - null.false_alarm(nats), off=true.off(best[0]))
+    nats = float(evidence(views, columns[0].alone)[0])
+    return Stated(nats=nats, probability=1 - null.false_alarm(nats), off=true.off(columns[0]))
 
 
-def axis_of(plume: Plume) -> FloatArray:
+def axis_of(plume: Plume) -> PlumeColumn:
     """A plume of the map as a column of fusion; of its width nothing is asked."""
     slopes = plume.axis[:2] / plume.axis[2]
-    return np.array([*plume.source, *slopes, plume.extent_high * plume.axis[2], 0, 0])
+    height = plume.extent_high * plume.axis[2]
+    return PlumeColumn(np.array([*plume.source, *slopes, height, 0, 0]))
 
 
 def film_all(options: argparse.Namespace) -> None:

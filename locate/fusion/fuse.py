@@ -6,13 +6,13 @@ from functools import partial, reduce
 
 import numpy as np
 
-from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.axis.pairs import split
-from locate.fusion.search.column import X, Y, evidence, stands_out, without
+from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.search.fit import FINE, climb, fit_columns
 from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import STARTS, propose
+from locate.fusion.search.score import evidence, stands_out, without
 from locate.fusion.source.measure import find_axis, measured
 from locate.fusion.views import Views
 from locate.map.plume import Plume
@@ -66,29 +66,28 @@ def fuse(
         least_nats: Weaker columns are none either, whatever chance makes.
     """
     rng = np.random.default_rng(seed)
-    unit = views.unit
-    if np.isnan(unit):
+    if np.isnan(views.unit):
         return Fused(plumes=(), grid=None, threshold_nats=np.inf)
     box = views.volume()
     drawn = null is None
     if null is None:
         null = NullLevel.from_views(
-            views, box, unit, rng, progress=lambda share: progress(NULL_SHARE * share)
+            views, box, rng, progress=lambda share: progress(NULL_SHARE * share)
         )
-    proposals, grid = propose(views, box, unit, most=STARTS)
-    columns = fit_columns(partial(stands_out, views), proposals.columns, unit, rng)
+    proposals, grid = propose(views, box, most=STARTS)
+    columns = fit_columns(partial(stands_out, views), proposals.columns, views.unit, rng)
     level = max(null.threshold(most_false_alarm), least_nats)
-    plumes, left = _take(views, columns, unit, null, level, rng)
+    plumes, left = _take(views, columns, null, level, rng)
     strongest = float(evidence(views, columns).max(initial=0.0))
     floor = max(least_nats, GHOST_SHARE * strongest)
     far = _far_columns(left, columns, plumes, floor)
     raised = bool(plumes) and level > least_nats
     if drawn and (raised or (far and (plumes or least_nats))):
         calm = reduce(without, far, left) if least_nats else left
-        null = NullLevel.from_views(calm, box, unit, rng, progress=lambda _share: None)
+        null = NullLevel.from_views(calm, box, rng, progress=lambda _share: None)
         level = max(null.threshold(most_false_alarm), least_nats)
-        more, _ = _take(left, far, unit, null, max(level, floor), rng)
-        plumes += [plume for plume in more if not _same(plume, plumes, unit)]
+        more, _ = _take(left, far, null, max(level, floor), rng)
+        plumes += [plume for plume in more if not _same(plume, plumes, views.unit)]
     progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
     numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
@@ -97,8 +96,7 @@ def fuse(
 
 def _take(
     views: Views,
-    columns: Iterable[FloatArray],
-    unit: float,
+    columns: Iterable[PlumeColumn],
     null: NullLevel,
     level: float,
     rng: np.random.Generator,
@@ -107,24 +105,23 @@ def _take(
 
     Two columns may hold the same plume, one of them beside another: it is taken once.
     """
-    standing = _standing(views, columns, unit, level, rng)
+    standing = _standing(views, columns, level, rng)
     plumes: list[Plume] = []
     for k, column in enumerate(standing):
         stronger = reduce(without, standing[:k], views)
         alone = reduce(without, standing[k + 1 :], stronger)
-        found = _two(split(alone, column, unit, rng), alone, null, level, rng)
+        found = _two(split(alone, column, rng), alone, null, level, rng)
         found = found or _whole(column, alone, stronger, null, level, rng)
-        plumes += [plume for plume in found if not _same(plume, plumes, unit)]
+        plumes += [plume for plume in found if not _same(plume, plumes, views.unit)]
     return plumes, reduce(without, standing, views)
 
 
 def _standing(
     views: Views,
-    columns: Iterable[FloatArray],
-    unit: float,
+    columns: Iterable[PlumeColumn],
     level: float,
     rng: np.random.Generator,
-) -> list[FloatArray]:
+) -> list[PlumeColumn]:
     """The columns above the level once those before them are taken out, strongest first.
 
     One that lives on the evidence of a stronger one is its ghost: without it the other has less
@@ -132,11 +129,11 @@ def _standing(
     """
     left, above = views, []
     for column in columns:
-        _, nats = climb(partial(evidence, left), column[None], unit, rng)
+        _, nats = climb(partial(evidence, left), column.alone, views.unit, rng)
         if nats[0] >= level:
             above.append(column)
             left = without(left, column)
-    standing: list[FloatArray] = []
+    standing: list[PlumeColumn] = []
     for column in sorted(above, key=lambda each: -_nats(views, each)):
         rest = without(views, column)
         if all(_nats(rest, other) >= KEPT_SHARE * _nats(views, other) for other in standing):
@@ -144,12 +141,12 @@ def _standing(
     return standing
 
 
-def _nats(views: Views, column: FloatArray) -> float:
-    return float(evidence(views, column[None])[0])
+def _nats(views: Views, column: PlumeColumn) -> float:
+    return float(evidence(views, column.alone)[0])
 
 
 def _two(
-    pair: Sequence[tuple[FloatArray, Views]],
+    pair: Sequence[tuple[PlumeColumn, Views]],
     both: Views,
     null: NullLevel,
     level: float,
@@ -170,10 +167,10 @@ def _two(
     found: list[Plume] = []
     for column, rest in pair:
         strength = 2 * _nats(both, column)
-        sighted = find_axis(rest, column, rest.unit, rng, turns=FINE)
+        sighted = find_axis(rest, column, rng, turns=FINE)
         if strength < level or sighted is None:
             return []
-        plume = measured(rest, *sighted, rest.unit, null.false_alarm(strength))
+        plume = measured(rest, *sighted, null.false_alarm(strength))
         if _same(plume, found, rest.unit):
             return []
         found.append(plume)
@@ -181,7 +178,7 @@ def _two(
 
 
 def _whole(
-    column: FloatArray,
+    column: PlumeColumn,
     alone: Views,
     judged: Views,
     null: NullLevel,
@@ -198,10 +195,10 @@ def _whole(
         level: What a plume needs, nats.
         rng: Of the search.
     """
-    sighted = find_axis(alone, column, alone.unit, rng)
+    sighted = find_axis(alone, column, rng)
     if sighted is None or (strength := _nats(judged, sighted[0])) < level:
         return []
-    return [measured(alone, *sighted, alone.unit, null.false_alarm(strength))]
+    return [measured(alone, *sighted, null.false_alarm(strength))]
 
 
 def _same(plume: Plume, others: Iterable[Plume], unit: float) -> bool:
@@ -212,10 +209,12 @@ def _same(plume: Plume, others: Iterable[Plume], unit: float) -> bool:
 
 
 def _far_columns(
-    left: Views, columns: FloatArray, plumes: list[Plume], floor: float
-) -> list[FloatArray]:
+    left: Views, columns: Columns, plumes: list[Plume], floor: float
+) -> list[PlumeColumn]:
     """Strong columns that stand too far from every plume to be what it left of its evidence."""
     places = np.reshape([plume.source[:2] for plume in plumes], (-1, 2))
-    apart = np.linalg.norm(columns[:, None, [X, Y]] - places, axis=2).min(axis=1, initial=np.inf)
-    far = columns[apart > FAR_UNITS * left.unit]
-    return list(far[evidence(left, far) >= floor])
+    apart = np.linalg.norm(columns.lowest_points[:, None, :2] - places, axis=2).min(
+        axis=1, initial=np.inf
+    )
+    far = columns.take(apart > FAR_UNITS * left.unit)
+    return list(far.take(evidence(left, far) >= floor))

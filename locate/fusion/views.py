@@ -85,7 +85,9 @@ class Views:
         def roll(maps: FloatMap) -> FloatMap:
             return np.stack([np.roll(m, s, axis=1) for m, s in zip(maps, shifts_px, strict=True)])
 
-        return replace(self, llr=roll(self.llr), inverse_depth=roll(self.inverse_depth))
+        rolled = replace(self, llr=roll(self.llr), inverse_depth=roll(self.inverse_depth))
+        vars(rolled)["unit"] = self.unit
+        return rolled
 
     def saying(self, llr: FloatMap) -> Self:
         """The same views with other evidence, (V, H, W); what does not hang on it is kept."""

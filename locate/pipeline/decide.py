@@ -108,7 +108,6 @@ def decide(
         limit_px = detection_limit_px(
             views,
             fused.threshold_nats,
-            views.unit,
             response=load_response(detections),
             seed=seed,
         )

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from detect.detection import Detection, Detector
-from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.grid import lever_gate
-from locate.fusion.search.column import HEIGHT, spine
+from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import as_trajectory
@@ -166,10 +165,10 @@ def _with_shared(plume: Plume, shared: SharedError) -> Plume:
     return replace(plume, source_covariance=covariance)
 
 
-def looks(views: Views, column: FloatArray) -> int:
+def looks(views: Views, column: PlumeColumn) -> int:
     """How many views have most of a column in the frame, before a background that shows it."""
-    heights = np.linspace(0, column[HEIGHT], SPINE_POINTS)
-    points = spine(column[None], heights[None])[0]
+    heights = np.linspace(0, column.height, SPINE_POINTS)
+    points = column.axis_points(heights)
     height, width = views.llr.shape[1:]
     count = 0
     for i in range(len(views)):

@@ -15,7 +15,6 @@ from geometry.arrays import FloatArray
 from locate.fusion.axis.graph import AxisEstimate, estimate_axis
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import Sway
-from locate.fusion.search.column import Z
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import StampedPose, as_trajectory
@@ -70,7 +69,7 @@ class FixedLagSmoother:
         self.unit = views.unit
         self._camera = views.trajectory.camera
         self._column = as_column(plume)
-        self._height = float(plume.source[2] - self._column[Z])
+        self._height = float(plume.source[2] - self._column.lowest_z)
         self._glimpses: deque[ViewMeasurement] = deque(maxlen=most)
         seen = sight_axis(views, self._column)
         self._away = int(np.sign(seen.away.sum()))

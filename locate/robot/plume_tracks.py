@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from geometry.arrays import FloatArray
+from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.search.fit import distinct
 from locate.map.plume import Plume
 
@@ -203,20 +204,20 @@ def _surer(a: Plume, b: Plume) -> Plume:
     return a if np.trace(a.source_covariance) <= np.trace(b.source_covariance) else b
 
 
-def as_column(plume: Plume) -> FloatArray:
-    """(8,) the column (`locate.fusion.search.column`) of a plume's axis, extent and radii."""
+def as_column(plume: Plume) -> PlumeColumn:
+    """The column of a plume's axis, extent and radii."""
     low, high = plume.extent_low, plume.extent_high
     lowest = plume.source + low * plume.axis
     rise = plume.axis / max(float(plume.axis[2]), 1e-3)
     height = max((high - low) * float(plume.axis[2]), 1e-3)
     radii = plume.radius_by_height[:, 1]
     opening = float(radii[-1] - radii[0]) / height
-    return np.array([*lowest, rise[0], rise[1], height, radii[0], opening])
+    return PlumeColumn(np.array([*lowest, rise[0], rise[1], height, radii[0], opening]))
 
 
 def same(a: Plume, b: Plume, unit: float) -> bool:
     """True where fusion would count the two as one plume."""
-    return len(distinct(np.stack([as_column(a), as_column(b)]), unit)) == 1
+    return len(distinct(Columns.of([as_column(a), as_column(b)]), unit)) == 1
 
 
 def consistent(a: Plume, b: Plume) -> bool:

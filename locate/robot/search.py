@@ -119,5 +119,5 @@ class LocalPlumeSearch:
             self._null.popleft()
         missing = max(self._settings.null_draws - len(self._null), 1)
         for _ in range(missing):
-            self._null.append((count, draw_strongest(views, box, views.unit, self._rng)))
+            self._null.append((count, draw_strongest(views, box, self._rng)))
         return NullLevel.fitted([strength for _, strength in self._null])

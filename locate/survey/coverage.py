@@ -18,9 +18,10 @@ from geometry.georeference import Georeference
 from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import FALSE_ALARM
-from locate.fusion.search.column import HEIGHT, RADIUS, X, Y, Z, agreed, score
+from locate.fusion.search.columns import HEIGHT, RADIUS, Columns, PlumeColumn, X, Y, Z
 from locate.fusion.search.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
 from locate.fusion.search.null import NullLevel
+from locate.fusion.search.score import agreed, score
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.detections import INDEX, load_detections, load_response
@@ -154,7 +155,7 @@ def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> 
     cells[:, [X, Y, Z]] = to_survey.inverse()(feet)
     cells[:, [HEIGHT, RADIUS]] = column.height_m, column.radius_m
     plumes = flight.answer.plumes
-    columns = np.concatenate([cells, np.reshape([column_of(plume) for plume in plumes], (-1, 8))])
+    columns = Columns(cells).followed_by(Columns.of([column_of(plume) for plume in plumes]))
     needed = np.append(np.full(len(cells), threshold), [plume.evidence_nats for plume in plumes])
     response = load_response(RunFiles(flight.folder).detections)
     found_px = column_limits_px(views, columns, needed, response)
@@ -162,12 +163,12 @@ def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> 
     return Looks(low=low, limit_px=limit_px, seen_px=found_px[len(cells) :].astype(np.float32))
 
 
-def column_of(plume: Plume) -> FloatArray:
-    """(8,) a column in the frame of its map that stands where a plume was found."""
+def column_of(plume: Plume) -> PlumeColumn:
+    """A column in the frame of its map that stands where a plume was found."""
     lean = plume.axis[:2] / max(float(plume.axis[2]), STEEPEST_UP)
     height = plume.extent_high * float(plume.axis[2])
     radius = float(np.median(plume.radius_by_height[:, 1]))
-    return np.array([*plume.source, *lean, height, radius, 0.0])
+    return PlumeColumn(np.array([*plume.source, *lean, height, radius, 0.0]))
 
 
 def views_of(folder: Path) -> Views:
@@ -193,9 +194,7 @@ def threshold_nats(folder: Path, views: Views) -> float:
         return float(stated)
     config = read_config(folder)
     rng = np.random.default_rng(0 if config is None else config.seed)
-    null = NullLevel.from_views(
-        views, views.volume(), views.unit, rng, progress=lambda _share: None
-    )
+    null = NullLevel.from_views(views, views.volume(), rng, progress=lambda _share: None)
     return null.threshold(FALSE_ALARM)
 
 
@@ -228,18 +227,18 @@ def ground_of(points_in_survey: FloatArray, cell_m: float) -> tuple[IntArray, Fl
 
 
 def column_limits_px(
-    views: Views, columns: FloatArray, needed_nats: FloatArray, response: Response | None = None
+    views: Views, columns: Columns, needed_nats: FloatArray, response: Response | None = None
 ) -> FloatArray:
     """(N,) the smallest of `AMPLITUDES_PX` that gives a column its (N,) evidence, or inf."""
     limits = np.full(len(columns), np.inf)
-    looked_at = replace(views, llr=np.ones_like(views.llr))
+    looked_at = views.saying(np.ones_like(views.llr))
     coverage = score(looked_at, columns)
     left = np.flatnonzero((coverage > 0).sum(axis=0) >= FEWEST_VIEWS)
     for amplitude in AMPLITUDES_PX:
         if not len(left):
             break
-        expected = replace(views, llr=expected_llr(views, float(amplitude), response))
-        found = agreed(score(expected, columns[left])) > needed_nats[left]
+        expected = views.saying(expected_llr(views, float(amplitude), response))
+        found = agreed(score(expected, columns.take(left))) > needed_nats[left]
         limits[left[found]] = amplitude
         left = left[~found]
     return limits

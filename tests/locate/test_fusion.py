@@ -11,9 +11,10 @@ from locate.fusion.axis.pairs import split
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import estimate_sway
 from locate.fusion.fuse import fuse
-from locate.fusion.search.column import evidence, score, spine, stands_out, without
+from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import best_interval
+from locate.fusion.search.score import evidence, score, stands_out, without
 from locate.fusion.source.base import locate_base
 from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
@@ -23,8 +24,9 @@ from locate.simulation.evidence import NONE, Corruption, Truth, corrupted_views,
 from tests.locate.answers import plume as any_plume
 
 
-def as_column(truth: Truth) -> np.ndarray:
-    return np.array([*truth.source, *truth.slope, truth.height, truth.radius, truth.opening])
+def as_column(truth: Truth) -> PlumeColumn:
+    shape = (truth.height, truth.radius, truth.opening)
+    return PlumeColumn(np.array([*truth.source, *truth.slope, *shape]))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,7 @@ def test_source_is_found_within_its_covariance(truth: Truth) -> None:
 def test_the_level_is_drawn_without_the_plume_that_was_found(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(10, 60), np.random.default_rng(5))
     with_the_plume = NullLevel.from_views(
-        views, views.volume(), views.unit, np.random.default_rng(0), progress=lambda _: None
+        views, views.volume(), np.random.default_rng(0), progress=lambda _: None
     )
     levels = [fuse(views, seed=seed).threshold_nats for seed in range(3)]
     assert np.median(levels) < 0.8 * with_the_plume.threshold(0.01)
@@ -67,9 +69,9 @@ def test_clutter_alone_is_no_plume(seed: int) -> None:
 
 def test_true_column_scores_more_than_its_neighbours(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
-    columns = np.repeat(as_column(truth)[None], 5, axis=0)
-    columns[1:, :2] += [[0.5, 0], [-0.5, 0], [0, 0.8], [0, -0.8]]
-    nats = score(views, columns).sum(axis=0)
+    shifts = np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.8], [0, -0.8]])
+    columns = [as_column(truth).shifted(shift) for shift in shifts]
+    nats = score(views, Columns.of(columns)).sum(axis=0)
     assert nats.argmax() == 0
     assert nats[0] > 1.2 * nats[1:].max()
 
@@ -78,7 +80,7 @@ def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
     column = as_column(truth)
     left = without(views, column)
-    assert score(left, column[None]).sum() < 0.1 * score(views, column[None]).sum()
+    assert score(left, column.alone).sum() < 0.1 * score(views, column.alone).sum()
     assert (views.llr > 0).any()
 
 
@@ -99,21 +101,19 @@ def beside_each_other(
     return both, beside
 
 
-def between(truth: Truth, beside: Truth) -> np.ndarray:
+def between(truth: Truth, beside: Truth) -> PlumeColumn:
     """A column over both."""
-    over = as_column(truth)
-    over[:2] = (truth.source + beside.source)[:2] / 2
-    over[6] += np.linalg.norm(truth.source - beside.source) / 2
-    return over
+    radius = truth.radius + float(np.linalg.norm(truth.source - beside.source)) / 2
+    return as_column(replace(truth, source=(truth.source + beside.source) / 2, radius=radius))
 
 
 def test_a_column_over_two_plumes_is_split(truth: Truth) -> None:
     both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60)
-    parts = split(both, between(truth, beside), both.unit, np.random.default_rng(0))
+    parts = split(both, between(truth, beside), np.random.default_rng(0))
     assert len(parts) == 2
     for plume in (truth, beside):
-        own = as_column(plume)[None]
-        apart = [np.linalg.norm(column[:2] - plume.source[:2]) for column, _ in parts]
+        own = as_column(plume).alone
+        apart = [np.linalg.norm((part.lowest_point - plume.source)[:2]) for part, _ in parts]
         assert min(apart) < 1 / 3
         left = parts[int(np.argmin(apart))][1]
         assert score(left, own).sum() > 0.5 * score(both, own).sum()
@@ -123,17 +123,17 @@ def test_a_column_over_two_plumes_is_split(truth: Truth) -> None:
 def test_a_column_over_one_plume_is_not_split(truth: Truth, radius: float) -> None:
     wide = replace(truth, radius=radius)
     views = corrupted_views(wide, orbit(8, 60), np.random.default_rng(0), NONE)
-    assert not split(views, as_column(wide), views.unit, np.random.default_rng(0))
+    assert not split(views, as_column(wide), np.random.default_rng(0))
 
 
 def test_plumes_that_no_view_sees_apart_are_not_told_apart(truth: Truth) -> None:
     both, beside = beside_each_other(truth, np.array([0, 1.0, 0]), 10)
-    assert not split(both, between(truth, beside), both.unit, np.random.default_rng(0))
+    assert not split(both, between(truth, beside), np.random.default_rng(0))
 
 
 def test_where_the_displacement_turns_much_less_is_no_second_plume(truth: Truth) -> None:
     both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60, strength=0.04)
-    assert not split(both, between(truth, beside), both.unit, np.random.default_rng(0))
+    assert not split(both, between(truth, beside), np.random.default_rng(0))
 
 
 def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
@@ -144,10 +144,7 @@ def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
     )
     loud = np.maximum(first.llr, second.llr)
     both = replace(first, llr=np.where(loud < 0, -0.1, loud).astype(np.float32))
-    over = as_column(truth)
-    over[0] += 0.8
-    over[6] += 0.8
-    columns = np.stack([as_column(truth), over])
+    columns = Columns.of([as_column(truth), between(truth, beside)])
     assert np.diff(evidence(both, columns)) > 0
     assert np.diff(stands_out(both, columns)) < 0
 
@@ -171,7 +168,7 @@ def test_three_plumes_are_three() -> None:
 
 
 def test_errors_that_neighbouring_views_share_are_seen_and_widen_the_covariance(
-    seen: tuple[np.ndarray, AxisSightings, Views],
+    seen: tuple[PlumeColumn, AxisSightings, Views],
 ) -> None:
     column, sightings, views = seen
     rng = np.random.default_rng(4)
@@ -191,18 +188,18 @@ def test_errors_that_neighbouring_views_share_are_seen_and_widen_the_covariance(
 def test_base_reaches_down_to_the_ground(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
     column = as_column(truth)
-    column[:3] = spine(column[None], np.array([[0.3]]))[0, 0]
-    column[5] -= 0.3
-    base = locate_base(views, column, views.unit)
+    (lifted,) = column.axis_points(np.array([0.3]))
+    column = as_column(replace(truth, source=lifted, height=truth.height - 0.3))
+    base = locate_base(views, column)
     assert base.height == pytest.approx(-0.3, abs=0.12)
     assert not base.hidden
     assert base.sigma < 0.3
 
 
-def screened(views: Views, column: np.ndarray, *, up_to: float, before: float) -> Views:
+def screened(views: Views, column: PlumeColumn, *, up_to: float, before: float) -> Views:
     """The views with a screen `before` the axis, as high as its point at height `up_to`."""
     llr, inverse_depth = views.llr.copy(), views.inverse_depth.copy()
-    edge = spine(column[None], np.array([[up_to]]))[0]
+    edge = column.axis_points(np.array([up_to]))
     for i in range(len(views)):
         row = round(views.trajectory.project(i, edge)[0, 1])
         depth = views.trajectory.world_to_cam(i, edge)[0, 2] - before
@@ -214,7 +211,7 @@ def screened(views: Views, column: np.ndarray, *, up_to: float, before: float) -
 def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
     column = as_column(truth)
-    base = locate_base(screened(views, column, up_to=0.9, before=0.8), column, views.unit)
+    base = locate_base(screened(views, column, up_to=0.9, before=0.8), column)
     assert base.hidden
     assert base.lowest_seen == pytest.approx(0.9, abs=0.15)
     assert base.height == pytest.approx(0.45, abs=0.2)
@@ -224,7 +221,7 @@ def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: Truth) -> Non
 def test_a_thin_nozzle_is_a_base_and_hides_nothing(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
     column = as_column(truth)
-    base = locate_base(screened(views, column, up_to=0.3, before=0.1), column, views.unit)
+    base = locate_base(screened(views, column, up_to=0.3, before=0.1), column)
     assert not base.hidden
     assert base.height == pytest.approx(0.3, abs=0.1)
     assert base.sigma < 0.1
@@ -272,8 +269,7 @@ def test_answer_does_not_hang_on_the_scale_of_the_evidence(truth: Truth, factor:
 
 def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1), NONE)
-    column = as_column(truth)
-    column[0] += 0.1
+    column = as_column(truth).shifted(np.array([0.1, 0.0]))
     sightings = sight_axis(views, column)
     axis = estimate_axis(views.trajectory, column, sightings, views.unit)
     assert axis is not None
@@ -303,7 +299,7 @@ def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: Truth) -> Non
 
 def test_a_search_that_strayed_is_left_out(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
-    refined = refine_axis(views, as_column(truth), views.unit)
+    refined = refine_axis(views, as_column(truth))
     assert refined is not None
     _, axis = refined
     sigma = np.sqrt(axis.covariance[0, 0])
@@ -337,7 +333,7 @@ def offsets_of(sightings: AxisSightings, rate: float, rng: np.random.Generator) 
 
 
 @pytest.fixture(scope="module")
-def seen() -> tuple[np.ndarray, AxisSightings, Views]:
+def seen() -> tuple[PlumeColumn, AxisSightings, Views]:
     upright = replace(random_truth(np.random.default_rng(5)), slope=np.zeros(2))
     views = corrupted_views(upright, orbit(16, 60), np.random.default_rng(0), NONE)
     column = as_column(upright)
@@ -347,7 +343,7 @@ def seen() -> tuple[np.ndarray, AxisSightings, Views]:
 
 @pytest.mark.parametrize("rate", [0.005, 0.1])
 def test_stated_covariance_is_honest_for_calm_and_for_swaying_plumes(
-    seen: tuple[np.ndarray, AxisSightings, Views], rate: float
+    seen: tuple[PlumeColumn, AxisSightings, Views], rate: float
 ) -> None:
     column, sightings, views = seen
     rng = np.random.default_rng(0)
@@ -356,12 +352,12 @@ def test_stated_covariance_is_honest_for_calm_and_for_swaying_plumes(
         drawn = replace(sightings, offset_px=offsets_of(sightings, rate, rng))
         axis = estimate_axis(views.trajectory, column, drawn, views.unit)
         assert axis is not None
-        error = axis.line[:2] - column[:2]
+        error = axis.line[:2] - column.line[:2]
         nees.append(error @ np.linalg.solve(axis.covariance[:2, :2], error) / 2)
     assert 0.4 < np.mean(nees) < 1.8
 
 
-def test_sway_is_told_from_calm(seen: tuple[np.ndarray, AxisSightings, Views]) -> None:
+def test_sway_is_told_from_calm(seen: tuple[PlumeColumn, AxisSightings, Views]) -> None:
     _, sightings, views = seen
     prior = (np.zeros(4), np.diag([1e-4, 1e-4, 25, 25]))
     still = np.zeros((len(sightings), len(sightings)))
@@ -384,7 +380,7 @@ def test_sway_is_told_from_calm(seen: tuple[np.ndarray, AxisSightings, Views]) -
     assert 0.06 < swaying < 0.16
 
 
-def test_a_wild_sighting_loses_its_say(seen: tuple[np.ndarray, AxisSightings, Views]) -> None:
+def test_a_wild_sighting_loses_its_say(seen: tuple[PlumeColumn, AxisSightings, Views]) -> None:
     _, sightings, views = seen
     offsets = offsets_of(sightings, 0.005, np.random.default_rng(2))
     offsets[5] += 25
@@ -395,7 +391,7 @@ def test_a_wild_sighting_loses_its_say(seen: tuple[np.ndarray, AxisSightings, Vi
 
 
 def test_views_of_one_instant_are_views_still(
-    seen: tuple[np.ndarray, AxisSightings, Views],
+    seen: tuple[PlumeColumn, AxisSightings, Views],
 ) -> None:
     column, sightings, views = seen
     offsets = offsets_of(sightings, 0.005, np.random.default_rng(3))
@@ -411,17 +407,17 @@ def test_views_of_one_instant_are_views_still(
     assert moving is not None
     assert frozen is not None
     assert frozen.direction_sigma_rad > moving.direction_sigma_rad
-    np.testing.assert_allclose(frozen.line[:2], column[:2], atol=0.1)
+    np.testing.assert_allclose(frozen.line[:2], column.line[:2], atol=0.1)
 
 
 def test_sightings_know_how_shifts_and_poses_move_them(
-    seen: tuple[np.ndarray, AxisSightings, Views],
+    seen: tuple[PlumeColumn, AxisSightings, Views],
 ) -> None:
     column, sightings, views = seen
     row, step = 7, 1e-4
     i = int(sightings.view[row])
     trajectory = views.trajectory
-    point = spine(column[None], sightings.height[[row]][None])[0]
+    point = column.axis_points(sightings.height[[row]])
     normal = np.array([1.0, 0.0])  # an upright axis, nearly: cameras here have no roll
     normal *= np.sign(sightings.by_shift[row] @ trajectory.rotations[i][0, :2])
     before = trajectory.project(i, point)[0]
@@ -486,17 +482,17 @@ def test_the_axis_is_sought_in_the_core_of_a_plume(truth: Truth) -> None:
 
 
 def test_stated_covariance_is_honest_for_bent_plumes(
-    seen: tuple[np.ndarray, AxisSightings, Views],
+    seen: tuple[PlumeColumn, AxisSightings, Views],
 ) -> None:
     column, sightings, views = seen
     rng = np.random.default_rng(0)
     nees = []
     for _ in range(15):
-        path = 0.5 * rng.normal(size=2) * (sightings.height[:, None] / column[5]) ** 2
+        path = 0.5 * rng.normal(size=2) * (sightings.height[:, None] / column.height) ** 2
         offsets_px = (sightings.by_shift * path).sum(axis=1) + rng.normal(size=len(sightings))
         drawn = replace(sightings, offset_px=offsets_px)
         axis = estimate_axis(views.trajectory, column, drawn, views.unit)
         assert axis is not None
-        error = axis.line[:2] - column[:2]
+        error = axis.line[:2] - column.line[:2]
         nees.append(error @ np.linalg.solve(axis.covariance[:2, :2], error) / 2)
     assert np.mean(nees) < 1.8

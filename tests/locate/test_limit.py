@@ -15,24 +15,24 @@ def views():
 
 def test_limit_rises_with_sigma(views) -> None:
     limits = [
-        detection_limit_px(replace(views, sigma_px=np.full_like(views.llr, s)), 20.0, views.unit)
+        detection_limit_px(replace(views, sigma_px=np.full_like(views.llr, s)), 20.0)
         for s in (0.02, 0.2)
     ]
     assert limits[0] < limits[1]
 
 
 def test_limit_rises_with_the_threshold(views) -> None:
-    low, high = (detection_limit_px(views, nats, views.unit) for nats in (5.0, 10_000.0))
+    low, high = (detection_limit_px(views, nats) for nats in (5.0, 10_000.0))
     assert low < high
 
 
 def test_unmeasured_views_have_no_limit(views) -> None:
     blind = replace(views, sigma_px=np.full_like(views.llr, np.inf))
-    assert detection_limit_px(blind, 20.0, views.unit) is None
+    assert detection_limit_px(blind, 20.0) is None
 
 
 def test_limit_is_one_of_the_amplitudes(views) -> None:
-    assert detection_limit_px(views, 20.0, views.unit) in AMPLITUDES_PX
+    assert detection_limit_px(views, 20.0) in AMPLITUDES_PX
 
 
 def seen_from(ratio: float) -> Response:
@@ -42,7 +42,7 @@ def seen_from(ratio: float) -> Response:
 def test_limit_is_by_what_the_detector_sees(views) -> None:
     views = replace(views, sigma_px=np.full_like(views.llr, 0.1))
     for ratio in (0.7, 5.0):
-        limit_px = detection_limit_px(views, 20.0, views.unit, response=seen_from(ratio))
+        limit_px = detection_limit_px(views, 20.0, response=seen_from(ratio))
         assert limit_px == AMPLITUDES_PX[0.1 * ratio <= AMPLITUDES_PX][0]
 
 

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 
 from locate.fusion.axis.sightings import bends_away, sight_axis
+from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.views import Views
 from locate.simulation.evidence import NONE, corrupted_views, orbit, random_truth
 
 
 @pytest.fixture(scope="module")
-def column() -> np.ndarray:
+def column() -> PlumeColumn:
     truth = random_truth(np.random.default_rng(5))
-    return np.array([*truth.source, *truth.slope, truth.height, truth.radius, truth.opening])
+    shape = (truth.height, truth.radius, truth.opening)
+    return PlumeColumn(np.array([*truth.source, *truth.slope, *shape]))
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +22,7 @@ def views() -> Views:
     return corrupted_views(truth, orbit(8, 60), np.random.default_rng(1), NONE)
 
 
-def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: np.ndarray) -> None:
+def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: PlumeColumn) -> None:
     warm = sight_axis(views, column)
     dense = sight_axis(replace(views, displacement=-views.displacement), column)
     assert set(warm.away) == {1}
@@ -30,7 +32,7 @@ def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: np.ndar
 
 
 def test_which_way_light_is_bent_is_told_where_views_agree(
-    views: Views, column: np.ndarray
+    views: Views, column: PlumeColumn
 ) -> None:
     dense = -views.displacement
     assert bends_away(views, column) == 1
@@ -44,7 +46,7 @@ def test_which_way_light_is_bent_is_told_where_views_agree(
 
 
 def test_where_the_displacement_turns_counts_for_more_than_the_outline(
-    views: Views, column: np.ndarray
+    views: Views, column: PlumeColumn
 ) -> None:
     beside = np.maximum(views.llr, np.roll(views.llr, 4, axis=2))
     smeared = replace(views, llr=beside)
@@ -58,7 +60,7 @@ def test_where_the_displacement_turns_counts_for_more_than_the_outline(
 
 
 def test_noise_that_nobody_stated_makes_sightings_less_sure(
-    views: Views, column: np.ndarray
+    views: Views, column: PlumeColumn
 ) -> None:
     noise = np.random.default_rng(2).normal(size=views.displacement.shape)
     noisy = replace(views, displacement=(views.displacement + noise).astype(np.float32))
@@ -66,7 +68,7 @@ def test_noise_that_nobody_stated_makes_sightings_less_sure(
     assert unsure > 2 * calm
 
 
-def test_a_view_that_knows_better_is_believed(views: Views, column: np.ndarray) -> None:
+def test_a_view_that_knows_better_is_believed(views: Views, column: PlumeColumn) -> None:
     turned = replace(views, displacement=-views.displacement)
     alone = sight_axis(turned, column, away=1)
     known = sight_axis(turned, column, away=-1)

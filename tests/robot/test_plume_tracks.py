@@ -124,9 +124,9 @@ def test_joined_estimates() -> None:
 
 def test_plume_goes_back_to_its_column() -> None:
     column = as_column(replace(plume(), axis=np.array([0.6, 0.0, 0.8]), extent_low=0.5))
-    np.testing.assert_allclose(column[:3], [0.3, 0.0, 0.4])
-    np.testing.assert_allclose(column[3:5], [0.75, 0.0])
-    assert column[5] == pytest.approx(1.5 * 0.8)
+    np.testing.assert_allclose(column.lowest_point, [0.3, 0.0, 0.4])
+    np.testing.assert_allclose(column.slope, [0.75, 0.0])
+    assert column.height == pytest.approx(1.5 * 0.8)
 
 
 def pose(x: float, covariance: np.ndarray, stamp_ns: int = 0) -> StampedPose:

@@ -18,7 +18,7 @@ from geometry.arrays import BoolArray, FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion.axis.sightings import AxisSightings
 from locate.fusion.axis.sway import Explanation, Sway, design_matrix, estimate_sway
-from locate.fusion.search import column as columns
+from locate.fusion.search.columns import PlumeColumn
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
 FALLBACK_RANGE_SHARE = 0.002
@@ -113,7 +113,7 @@ def agreeing(axes: Sequence[AxisEstimate]) -> BoolArray:
 
 def estimate_axis(
     trajectory: Trajectory,
-    column: FloatArray,
+    column: PlumeColumn,
     sightings: AxisSightings,
     unit: float,
     *,
@@ -125,7 +125,7 @@ def estimate_axis(
 
     Args:
         trajectory: V poses with their covariances; the camera of the sightings.
-        column: (8,) the column that was sighted.
+        column: The column that was sighted.
         sightings: Of its axis.
         unit: The yardstick of fusion, world units.
         origin: Height of the source above the column's lowest point, where nothing sways.
@@ -144,7 +144,7 @@ def estimate_axis(
         return None
     seen = np.unique(sightings.view)
     poses = {int(i): _pose_covariance(trajectory, int(i), column) for i in seen}
-    line = column[[columns.X, columns.Y, columns.SLOPE_X, columns.SLOPE_Y]]
+    line = column.line
     upright = -np.array([0, 0, *line[2:]])
     sigmas = np.array([PLACE_PRIOR_UNITS * unit] * 2 + [SLOPE_PRIOR] * 2)
     prior = (upright, np.diag(1 / sigmas**2))
@@ -173,7 +173,7 @@ def estimate_axis(
     solution = graph.optimize()
     covariance = gtsam.Marginals(graph, solution).marginalCovariance(A(0))
     return AxisEstimate(
-        lowest=float(column[columns.Z]),
+        lowest=float(column.lowest_z),
         line=line + solution.at(A(0)),
         covariance=np.asarray(covariance),
         sway=sway,
@@ -188,12 +188,12 @@ def _add_prior(
     graph.add(gtsam.JacobianFactor(key, whiten, whiten @ mean, unit_noise))
 
 
-def _pose_covariance(trajectory: Trajectory, i: int, column: FloatArray) -> FloatArray:
+def _pose_covariance(trajectory: Trajectory, i: int, column: PlumeColumn) -> FloatArray:
     """(6, 6) of world_from_cam; a usual one where the trajectory has none."""
     covariance = None if trajectory.covariances is None else trajectory.covariances[i]
     if covariance is not None and np.isfinite(covariance).all():
         return np.asarray(covariance)
-    distance = float(np.linalg.norm(column[:3] - trajectory.centers_in_world[i]))
+    distance = float(np.linalg.norm(column.lowest_point - trajectory.centers_in_world[i]))
     sigmas = np.repeat([FALLBACK_ROTATION_RAD, FALLBACK_RANGE_SHARE * distance], 3)
     return np.diag(sigmas**2)
 

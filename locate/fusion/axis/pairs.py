@@ -14,23 +14,16 @@ import cv2
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
-from locate.fusion.search.column import (
-    HEIGHT,
+from locate.fusion.search.columns import Columns, PlumeColumn
+from locate.fusion.search.fit import Worth, climb, distinct
+from locate.fusion.search.score import (
     NEAREST_DEPTH_UNITS,
-    OPENING,
-    RADIUS,
-    X,
-    Y,
-    Z,
     agreed,
-    axis_direction,
     covered,
     evidence,
     score,
-    spine,
     without,
 )
-from locate.fusion.search.fit import Worth, climb, distinct, gap
 from locate.fusion.views import Views
 
 HALF_GAPS_UNITS = (0.3, 0.45, 0.6)
@@ -46,35 +39,36 @@ LEAST_WEIGHT = 1e-3
 
 
 def split(
-    views: Views, column: FloatArray, unit: float, rng: np.random.Generator
-) -> list[tuple[FloatArray, Views]]:
+    views: Views, column: PlumeColumn, rng: np.random.Generator
+) -> list[tuple[PlumeColumn, Views]]:
     """The two plumes that a column holds, each with the views in which the other does not stand.
 
     None where it holds one, or none can tell: see `_told_apart`.
     """
+    unit = views.unit
     wide = _climbed(partial(evidence, views), column, unit, rng)
     turns = _turns(views, wide)
     starts = nlargest(STARTS, _apart(wide, unit), key=lambda pair: _explained(turns, *pair))
     pairs = [_fitted(turns, *pair, rng) for pair in starts]
-    apart = [pair for pair in pairs if len(distinct(np.stack(pair), unit)) == 2]
+    apart = [pair for pair in pairs if len(distinct(Columns.of(pair), unit)) == 2]
     told = [_told_apart(turns, *pair) for pair in apart]
     if max(told, default=0.0) < LEAST_TOLD:
         return []
     best = apart[int(np.argmax(told))]
-    first, second = _with_radius(np.stack(best), gap(*best) / 2)
+    first, second = Columns.of(best).with_even_radius(best[0].gap_to(best[1]) / 2)
     return [
         (first, without(views, second, radii=1.0)),
         (second, without(views, first, radii=1.0)),
     ]
 
 
-def _turns(views: Views, column: FloatArray) -> Views:
+def _turns(views: Views, column: PlumeColumn) -> Views:
     """The views with, for evidence, how surely the displacement turns its sign, in sigmas.
 
     Positive where it does as at the plume's axis. Each pixel's neighbourhood is as large as a
     narrow plume's radius is there.
     """
-    middle = spine(column[None], column[None, HEIGHT, None] / 2)[0]
+    middle = column.axis_points(np.array([column.height]) / 2)
     sigmas = np.zeros_like(views.llr)
     for i, displacement in enumerate(views.displacement):
         depth = float(views.trajectory.world_to_cam(i, middle)[0, 2])
@@ -103,17 +97,17 @@ def _turning(displacement: FloatMap, precision: FloatMap, radius_px: float) -> F
     return np.asarray(turn / np.sqrt(np.maximum(weight, LEAST_WEIGHT)))
 
 
-def _told_apart(turns: Views, first: FloatArray, second: FloatArray) -> float:
+def _told_apart(turns: Views, first: PlumeColumn, second: PlumeColumn) -> float:
     """How surely the displacement turns at both axes, and the other way between them.
 
     Summed over the views from where they stand apart by `SEEN_APART_RADII` of a narrow plume; each
     says what the weakest of the three does. 0 where the displacement turns at one of them much less
     than at the other: a wide plume has such a flank.
     """
-    second = second.copy()
-    second[[X, Y, Z]] = spine(second[None], np.array([[first[Z] - second[Z]]]))[0, 0]
-    columns = np.stack([first, second, (first + second) / 2])
-    turned = score(turns, _with_radius(columns, RADIUS_UNITS * turns.unit)) * [1, 1, -1]
+    (level,) = second.axis_points(np.array([first.lowest_z - second.lowest_z]))
+    second = second.moved_to(level)
+    columns = Columns.of([first, second, first.midway_to(second)])
+    turned = score(turns, columns.with_even_radius(RADIUS_UNITS * turns.unit)) * [1, 1, -1]
     apart = _seen_apart(turns, first, second) > SEEN_APART_RADII * RADIUS_UNITS * turns.unit
     weaker, stronger = np.sort(turned[apart, :2].sum(axis=0))
     if weaker < LEAST_SHARE * stronger:
@@ -121,31 +115,30 @@ def _told_apart(turns: Views, first: FloatArray, second: FloatArray) -> float:
     return float(agreed((turned.min(axis=1) * apart)[:, None])[0])
 
 
-def _seen_apart(views: Views, first: FloatArray, second: FloatArray) -> FloatArray:
+def _seen_apart(views: Views, first: PlumeColumn, second: PlumeColumn) -> FloatArray:
     """(V,) world units between two axes at half their height, as seen across the first.
 
     Both count their height from the same level.
     """
-    middles = spine(np.stack([first, second]), np.full((2, 1), first[HEIGHT] / 2))[:, 0]
+    middles = Columns.of([first, second]).axis_points(np.full((2, 1), first.height / 2))[:, 0]
     rays = middles[0] - views.trajectory.centers_in_world
-    across = np.cross(axis_direction(first), rays)
+    across = np.cross(first.direction, rays)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     return np.asarray(np.abs(across @ (middles[1] - middles[0])))
 
 
-def _apart(column: FloatArray, unit: float) -> list[tuple[FloatArray, FloatArray]]:
+def _apart(column: PlumeColumn, unit: float) -> list[tuple[PlumeColumn, PlumeColumn]]:
     """Pairs of columns on both sides of its axis."""
     pairs = []
     for angle, half_gap in product(DIRECTIONS_RAD, HALF_GAPS_UNITS):
-        aside = np.zeros(8)
-        aside[[X, Y]] = half_gap * unit * np.cos(angle), half_gap * unit * np.sin(angle)
-        pairs.append((column + aside, column - aside))
+        aside = np.array([half_gap * unit * np.cos(angle), half_gap * unit * np.sin(angle)])
+        pairs.append((column.shifted(aside), column.shifted(-aside)))
     return pairs
 
 
 def _fitted(
-    turns: Views, first: FloatArray, second: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
+    turns: Views, first: PlumeColumn, second: PlumeColumn, rng: np.random.Generator
+) -> tuple[PlumeColumn, PlumeColumn]:
     """Two axes fitted in turns, each to what the other leaves."""
     for _ in range(FITTED_IN_TURNS):
         first = _climbed(partial(_shown, _left(turns, second)), first, turns.unit, rng)
@@ -153,32 +146,27 @@ def _fitted(
     return first, second
 
 
-def _climbed(worth: Worth, column: FloatArray, unit: float, rng: np.random.Generator) -> FloatArray:
-    columns, _ = climb(worth, column[None], unit, rng)
-    return np.asarray(columns[0])
+def _climbed(
+    worth: Worth, column: PlumeColumn, unit: float, rng: np.random.Generator
+) -> PlumeColumn:
+    columns, _ = climb(worth, column.alone, unit, rng)
+    return columns[0]
 
 
-def _with_radius(columns: FloatArray, radius: float) -> FloatArray:
-    """(..., 8) columns with this radius at every height."""
-    even = columns.copy()
-    even[..., RADIUS], even[..., OPENING] = radius, 0.0
-    return even
-
-
-def _shown(turns: Views, columns: FloatArray) -> FloatArray:
+def _shown(turns: Views, columns: Columns) -> FloatArray:
     """(N,) how much turns at the axes of columns, whatever their width.
 
     A view that sees one of two does not speak against the other.
     """
-    narrow = _with_radius(columns, RADIUS_UNITS * turns.unit)
+    narrow = columns.with_even_radius(RADIUS_UNITS * turns.unit)
     return agreed(np.maximum(score(turns, narrow), 0))
 
 
-def _left(turns: Views, other: FloatArray) -> Views:
-    return without(turns, _with_radius(other, RADIUS_UNITS * turns.unit), radii=1.0)
+def _left(turns: Views, other: PlumeColumn) -> Views:
+    return without(turns, other.with_even_radius(RADIUS_UNITS * turns.unit), radii=1.0)
 
 
-def _explained(turns: Views, first: FloatArray, second: FloatArray) -> float:
+def _explained(turns: Views, first: PlumeColumn, second: PlumeColumn) -> float:
     """What turns at two axes; where both cover the same it counts once."""
-    rest = _shown(_left(turns, first), second[None])
-    return float(_shown(turns, first[None])[0] + rest[0])
+    rest = _shown(_left(turns, first), second.alone)
+    return float(_shown(turns, first.alone)[0] + rest[0])

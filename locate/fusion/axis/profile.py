@@ -15,14 +15,8 @@ import numpy as np
 from geometry.arrays import FloatArray, FloatMap
 from geometry.grid import lever_gate
 from geometry.trajectory import Trajectory
-from locate.fusion.search.column import (
-    FOOTPRINT_SHARE,
-    NEAREST_DEPTH_UNITS,
-    OPENING,
-    RADIUS,
-    axis_direction,
-    spine,
-)
+from locate.fusion.search.columns import PlumeColumn
+from locate.fusion.search.score import FOOTPRINT_SHARE, NEAREST_DEPTH_UNITS
 from locate.fusion.views import TURBULENCE_PX, Views
 
 REACH_RADII, SAMPLES = 2.5, 101
@@ -96,7 +90,7 @@ class Profile:
 
 
 def look_across(
-    views: Views, core: FloatMap, i: int, column: FloatArray, heights: FloatArray
+    views: Views, core: FloatMap, i: int, column: PlumeColumn, heights: FloatArray
 ) -> Profile | None:
     """A section of a column; None where it is too close to the camera.
 
@@ -104,18 +98,18 @@ def look_across(
         views: The evidence.
         core: (V, H, W) the evidence that says where the middle of a plume is.
         i: Row of the view.
-        column: (8,) the column.
+        column: The column.
         heights: (S,) of the section, above the column's lowest point.
     """
     trajectory = views.trajectory
-    points = spine(column[None], heights[None])[0]
+    points = column.axis_points(heights)
     in_cam = trajectory.world_to_cam(i, points)
     depth = in_cam[:, 2]
     if (depth < NEAREST_DEPTH_UNITS * views.unit).any():
         return None
     pixel = trajectory.camera.project(in_cam)
     normal = _normal(trajectory, i, points, column)
-    radii_px = trajectory.camera.focal_px * (column[RADIUS] + column[OPENING] * heights) / depth
+    radii_px = trajectory.camera.focal_px * (column.radius + column.opening * heights) / depth
     radii_px = np.maximum(radii_px, LEAST_RADIUS_PX)
     sampled = pixel[:, None] + (radii_px[:, None] * REACH)[..., None] * normal
     x, y = np.moveaxis(sampled.astype(np.float32), -1, 0)
@@ -155,9 +149,9 @@ def _turn(looks: FloatMap, displacement: FloatMap) -> FloatArray:
     return np.asarray(np.sign(along) * nats)
 
 
-def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: FloatArray) -> FloatArray:
+def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: PlumeColumn) -> FloatArray:
     """(2,) unit normal of the projected axis: the direction that is measured."""
-    ahead = points + 1e-3 * axis_direction(column)
+    ahead = points + 1e-3 * column.direction
     tangent = (trajectory.project(i, ahead) - trajectory.project(i, points)).mean(axis=0)
     tangent /= max(float(np.linalg.norm(tangent)), 1e-12)
     return np.array([-tangent[1], tangent[0]])

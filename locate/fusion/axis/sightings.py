@@ -6,7 +6,8 @@ import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from locate.fusion.axis.profile import Profile, look_across
-from locate.fusion.search.column import HEIGHT, covered, score
+from locate.fusion.search.columns import PlumeColumn
+from locate.fusion.search.score import covered, score
 from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
@@ -43,7 +44,7 @@ class AxisSightings:
         return len(self.view)
 
 
-def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings:
+def sight_axis(views: Views, column: PlumeColumn, away: int = 0) -> AxisSightings:
     """Finds the axis across each section of the column in each view; see `Profile`.
 
     Where the pixels there do not speak for a plume, nothing was sighted: silence before a
@@ -51,7 +52,7 @@ def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings
 
     Args:
         views: The evidence.
-        column: (8,) the column.
+        column: The column.
         away: As of `AxisSightings`, where it is known; 0: as these views show it.
     """
     profiles = _profiles(views, column)
@@ -73,7 +74,7 @@ def sight_axis(views: Views, column: FloatArray, away: int = 0) -> AxisSightings
     )
 
 
-def bends_away(views: Views, column: FloatArray) -> int:
+def bends_away(views: Views, column: PlumeColumn) -> int:
     """1 where the column bends light away from its axis, -1 where towards it.
 
     0 where too few views show it, or fewer than nine in ten say the same.
@@ -89,13 +90,13 @@ def bends_away(views: Views, column: FloatArray) -> int:
     return 0
 
 
-def _profiles(views: Views, column: FloatArray) -> list[tuple[int, Profile]]:
+def _profiles(views: Views, column: PlumeColumn) -> list[tuple[int, Profile]]:
     """Every section of the column in each view that saw it, with the row of the view."""
     core = _core(views, column)
     middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
-    sections = column[HEIGHT] * (low + (high - low) * middles)
-    saw = np.flatnonzero(score(views, column[None])[:, 0] > VIEW_SAW_NATS)
+    sections = column.height * (low + (high - low) * middles)
+    saw = np.flatnonzero(score(views, column.alone)[:, 0] > VIEW_SAW_NATS)
     looked = [
         (int(i), look_across(views, core, int(i), column, heights))
         for i in saw
@@ -104,7 +105,7 @@ def _profiles(views: Views, column: FloatArray) -> list[tuple[int, Profile]]:
     return [(i, profile) for i, profile in looked if profile is not None]
 
 
-def _core(views: Views, column: FloatArray) -> FloatMap:
+def _core(views: Views, column: PlumeColumn) -> FloatMap:
     """(V, H, W) the evidence, less of it where light is bent less than in most of the column.
 
     Around a strong plume the air is bent little and far to one side, which speaks for refraction as

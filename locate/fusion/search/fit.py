@@ -5,7 +5,18 @@ from collections.abc import Callable
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.fusion.search.column import HEIGHT, OPENING, RADIUS, SLOPE_X, SLOPE_Y, X, Y, Z
+from locate.fusion.search.columns import (
+    HEIGHT,
+    OPENING,
+    RADIUS,
+    SLOPE_X,
+    SLOPE_Y,
+    Columns,
+    PlumeColumn,
+    X,
+    Y,
+    Z,
+)
 from locate.fusion.search.proposals import SEPARATION_UNITS
 
 WHOLE = range(18)
@@ -19,13 +30,11 @@ STEEPEST = 0.6
 OPENINGS = (0.02, 0.35)
 LENGTHS = (X, Y, Z, HEIGHT, RADIUS)
 
-Worth = Callable[[FloatArray], FloatArray]
+Worth = Callable[[Columns], FloatArray]
 
 
-def fit_columns(
-    worth: Worth, starts: FloatArray, unit: float, rng: np.random.Generator
-) -> FloatArray:
-    """The distinct (M, 8) columns that (N, 8) starts end in, best first.
+def fit_columns(worth: Worth, starts: Columns, unit: float, rng: np.random.Generator) -> Columns:
+    """The distinct columns that the starts end in, best first.
 
     Those that end close to a better one are left out already after the first coarse rounds.
 
@@ -36,36 +45,36 @@ def fit_columns(
         rng: Of the search.
     """
     columns, value = climb(worth, starts, unit, rng, turns=COARSE)
-    columns = distinct(columns[np.argsort(-value)], unit)[:SURVIVORS]
+    columns = distinct(columns.take(np.argsort(-value)), unit).take(slice(SURVIVORS))
     columns, value = climb(worth, columns, unit, rng, turns=FINE)
-    return distinct(columns[np.argsort(-value)], unit)
+    return distinct(columns.take(np.argsort(-value)), unit)
 
 
 def climb(
     worth: Worth,
-    starts: FloatArray,
+    starts: Columns,
     unit: float,
     rng: np.random.Generator,
     *,
     turns: range = WHOLE,
-) -> tuple[FloatArray, FloatArray]:
-    """(N, 8) columns that (N, 8) starts end in, each by itself, and what they are worth.
+) -> tuple[Columns, FloatArray]:
+    """The N columns that N starts end in, each by itself, and what they are worth.
 
     The opening angle stays free: held fixed, the fit slides towards the cameras.
     """
-    columns = clipped(starts, unit)
-    best = worth(columns)
+    columns = clipped(starts.array, unit)
+    best = worth(Columns(columns))
     rows = np.arange(len(columns))
     for turn in turns:
         step = steps(unit) * SHRINK**turn
         tried = np.repeat(columns, DRAWS, axis=0)
         tried = clipped(tried + rng.normal(size=tried.shape) * step, unit)
-        value = worth(tried).reshape(len(columns), DRAWS)
+        value = worth(Columns(tried)).reshape(len(columns), DRAWS)
         pick = value.argmax(axis=1)
         better = value[rows, pick] > best
         columns[better] = tried.reshape(len(columns), DRAWS, 8)[rows, pick][better]
         best = np.maximum(best, value.max(axis=1))
-    return columns, best
+    return Columns(columns), best
 
 
 def steps(unit: float) -> FloatArray:
@@ -76,7 +85,7 @@ def steps(unit: float) -> FloatArray:
 
 
 def clipped(columns: FloatArray, unit: float) -> FloatArray:
-    """The nearest columns that a plume may have."""
+    """The nearest (N, 8) columns that a plume may have."""
     near = columns.copy()
     near[:, [SLOPE_X, SLOPE_Y]] = near[:, [SLOPE_X, SLOPE_Y]].clip(-STEEPEST, STEEPEST)
     near[:, HEIGHT] = near[:, HEIGHT].clip(*np.multiply(HEIGHT_UNITS, unit))
@@ -85,23 +94,14 @@ def clipped(columns: FloatArray, unit: float) -> FloatArray:
     return near
 
 
-def distinct(columns: FloatArray, unit: float) -> FloatArray:
+def distinct(columns: Columns, unit: float) -> Columns:
     """Drops every column whose axis passes close to that of an earlier, better one.
 
     Two axes are one plume where they come nearer than `SEPARATION_UNITS` at some height that
     both span.
     """
-    kept: list[FloatArray] = []
+    kept: list[PlumeColumn] = []
     for column in columns:
-        if all(gap(column, other) > SEPARATION_UNITS * unit for other in kept):
+        if all(column.gap_to(other) > SEPARATION_UNITS * unit for other in kept):
             kept.append(column)
-    return np.reshape(kept, (-1, 8))
-
-
-def gap(a: FloatArray, b: FloatArray) -> float:
-    """Smallest horizontal distance of two axes over the heights both span, or nearly span."""
-    low, high = max(a[Z], b[Z]), min(a[Z] + a[HEIGHT], b[Z] + b[HEIGHT])
-    z = np.linspace(min(low, high), max(low, high), 9)[:, None]
-    at_a = a[[X, Y]] + a[[SLOPE_X, SLOPE_Y]] * (z - a[Z])
-    at_b = b[[X, Y]] + b[[SLOPE_X, SLOPE_Y]] * (z - b[Z])
-    return float(np.linalg.norm(at_a - at_b, axis=1).min())
+    return Columns.of(kept)

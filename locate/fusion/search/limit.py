@@ -1,18 +1,17 @@
 """What would have been seen: the weakest plume that the evidence of a run could have shown."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
 from detect.response import Response
-from geometry.arrays import FloatArray, FloatMap
-from locate.fusion.search.column import agreed, score
+from geometry.arrays import FloatMap
+from locate.fusion.search.columns import HEIGHT, OPENING, RADIUS, Columns, X, Z
+from locate.fusion.search.score import agreed, score
 from locate.fusion.views import Views
 
 AMPLITUDES_PX = np.geomspace(0.03, 3.0, 14)
 PLACES = 96
-RADIUS_UNITS, OPENING, HEIGHT_UNITS = 0.15, 0.1, 1.5
+RADIUS_UNITS, USUAL_OPENING, HEIGHT_UNITS = 0.15, 0.1, 1.5
 SHARE_SEEN = 0.5
 FEWEST_VIEWS = 2.0
 
@@ -20,7 +19,6 @@ FEWEST_VIEWS = 2.0
 def detection_limit_px(
     views: Views,
     threshold_nats: float,
-    unit: float,
     *,
     response: Response | None = None,
     seed: int = 0,
@@ -34,7 +32,6 @@ def detection_limit_px(
     Args:
         views: The evidence of the run.
         threshold_nats: What counts as a plume.
-        unit: The yardstick of fusion, world units.
         response: Of the detector; None: the hand-made formula.
         seed: Of the places.
 
@@ -42,32 +39,34 @@ def detection_limit_px(
         px of the original frames, or None where even the largest of `AMPLITUDES_PX` would not
         have been seen.
     """
-    columns = _places(views, unit, np.random.default_rng(seed))
-    looked_at = replace(views, llr=np.ones_like(views.llr))
+    columns = _places(views, np.random.default_rng(seed))
+    looked_at = views.saying(np.ones_like(views.llr))
     coverage = score(looked_at, columns)
-    columns = columns[(coverage > 0.2 * coverage.max()).sum(axis=0) >= FEWEST_VIEWS]
+    columns = columns.take((coverage > 0.2 * coverage.max()).sum(axis=0) >= FEWEST_VIEWS)
     if not len(columns):
         return None
     for amplitude in AMPLITUDES_PX:
-        expected = replace(views, llr=expected_llr(views, float(amplitude), response))
+        expected = views.saying(expected_llr(views, float(amplitude), response))
         nats = agreed(score(expected, columns))
         if (nats > threshold_nats).mean() >= SHARE_SEEN:
             return float(amplitude)
     return None
 
 
-def _places(views: Views, unit: float, rng: np.random.Generator) -> FloatArray:
-    """(N, 8) columns between the cameras and what they look at."""
+def _places(views: Views, rng: np.random.Generator) -> Columns:
+    """Columns between the cameras and what they look at."""
     background = views.background_in_world()
     target = background[rng.integers(len(background), size=PLACES)]
     centers = views.trajectory.centers_in_world
     center = centers[rng.integers(len(centers), size=PLACES)]
     share = rng.uniform(0.4, 0.8, (PLACES, 1))
     columns = np.zeros((PLACES, 8))
-    columns[:, :3] = center + share * (target - center)
-    columns[:, 2] -= HEIGHT_UNITS * unit / 2
-    columns[:, 5:] = [HEIGHT_UNITS * unit, RADIUS_UNITS * unit, OPENING]
-    return columns
+    columns[:, X : Z + 1] = center + share * (target - center)
+    columns[:, Z] -= HEIGHT_UNITS * views.unit / 2
+    columns[:, HEIGHT] = HEIGHT_UNITS * views.unit
+    columns[:, RADIUS] = RADIUS_UNITS * views.unit
+    columns[:, OPENING] = USUAL_OPENING
+    return Columns(columns)
 
 
 def expected_llr(views: Views, amplitude_px: float, response: Response | None = None) -> FloatMap:

@@ -16,9 +16,9 @@ from scipy.stats import gumbel_r
 
 from geometry.arrays import FloatArray
 from geometry.grid import Box
-from locate.fusion.search.column import evidence
 from locate.fusion.search.fit import fit_columns
 from locate.fusion.search.proposals import STARTS, propose
+from locate.fusion.search.score import evidence
 from locate.fusion.views import Views
 
 NULL_DRAWS = 12
@@ -45,7 +45,6 @@ class NullLevel:
         cls,
         views: Views,
         box: Box,
-        unit: float,
         rng: np.random.Generator,
         *,
         progress: Callable[[float], None],
@@ -54,7 +53,7 @@ class NullLevel:
         strongest = []
         for draw in range(NULL_DRAWS):
             progress(draw / NULL_DRAWS)
-            strongest.append(draw_strongest(views, box, unit, rng))
+            strongest.append(draw_strongest(views, box, rng))
         return cls.fitted(strongest)
 
     @classmethod
@@ -74,11 +73,11 @@ class NullLevel:
         return float(gumbel_r.isf(false_alarm, self.location, self.scale))
 
 
-def draw_strongest(views: Views, box: Box, unit: float, rng: np.random.Generator) -> float:
+def draw_strongest(views: Views, box: Box, rng: np.random.Generator) -> float:
     """The strongest column of one volume in which the views agree on nothing, nats."""
     width = views.llr.shape[2]
     shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
     rolled = views.rolled([round(share * width) for share in shares])
-    proposals, _ = propose(rolled, box, unit, most=STARTS)
-    best = fit_columns(partial(evidence, rolled), proposals.columns, unit, rng)[:1]
-    return float(evidence(rolled, best).max(initial=0.0))
+    proposals, _ = propose(rolled, box, most=STARTS)
+    columns = fit_columns(partial(evidence, rolled), proposals.columns, views.unit, rng)
+    return float(evidence(rolled, columns.take(slice(1))).max(initial=0.0))

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
 from geometry.grid import Box, EvidenceGrid, sum_evidence
+from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
 
 SLOPES = (-0.35, 0.0, 0.35)
@@ -24,12 +25,12 @@ class Proposals:
     """Columns found in a grid, best first.
 
     Attributes:
-        columns: (N, 8) columns, world units.
+        columns: N columns.
         strength: (N,) summed evidence, in the grid's own unit: comparable between grids of the
             same box only.
     """
 
-    columns: FloatArray
+    columns: Columns
     strength: FloatArray
 
 
@@ -49,8 +50,9 @@ def best_interval(evidence: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
     return best, first, last
 
 
-def propose(views: Views, box: Box, unit: float, *, most: int) -> tuple[Proposals, EvidenceGrid]:
+def propose(views: Views, box: Box, *, most: int) -> tuple[Proposals, EvidenceGrid]:
     """The `most` strongest, well separated columns of the summed evidence."""
+    unit = views.unit
     grid = sum_evidence(box, views.trajectory, views.llr, views.inverse_depth)
     found = [
         candidate
@@ -58,20 +60,16 @@ def propose(views: Views, box: Box, unit: float, *, most: int) -> tuple[Proposal
         for candidate in _peaks(*sheared, box=box, unit=unit, most=most)
     ]
     found.sort(key=lambda pair: -pair[1])
-    columns: list[FloatArray] = []
+    columns: list[PlumeColumn] = []
     strength: list[float] = []
     for column, value in found:
-        middle = _middle(column)
-        if all(np.hypot(*(middle - _middle(c))) > SEPARATION_UNITS * unit for c in columns):
+        apart = (np.hypot(*(column.middle_xy - other.middle_xy)) for other in columns)
+        if all(gap > SEPARATION_UNITS * unit for gap in apart):
             columns.append(column)
             strength.append(value)
         if len(columns) == most:
             break
-    return Proposals(columns=np.reshape(columns, (-1, 8)), strength=np.array(strength)), grid
-
-
-def _middle(column: FloatArray) -> FloatArray:
-    return np.asarray(column[:2] + column[3:5] * column[5] / 2)
+    return Proposals(columns=Columns.of(columns), strength=np.array(strength)), grid
 
 
 def _sheared(
@@ -100,7 +98,7 @@ def _peaks(
     box: Box,
     unit: float,
     most: int,
-) -> list[tuple[FloatArray, float]]:
+) -> list[tuple[PlumeColumn, float]]:
     """The local maxima of the best run of slices: (column, strength)."""
     total, first, last = best_interval(sheared)
     size = 2 * max(1, round(SEPARATION_UNITS * unit / box.voxel)) + 1
@@ -113,6 +111,6 @@ def _peaks(
         base = np.array([[k, y + round(slope[1] * k), x + round(slope[0] * k)]])
         height = (last[y, x] - k + 1) * box.voxel
         low = box.centers_in_world(base)[0] - [0, 0, box.voxel / 2]
-        column = np.array([*low, *slope, height, radius * unit, OPENING_START])
+        column = PlumeColumn(np.array([*low, *slope, height, radius * unit, OPENING_START]))
         candidates.append((column, float(total[y, x] * box.voxel / unit)))
     return candidates

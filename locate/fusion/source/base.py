@@ -13,7 +13,8 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import lever
-from locate.fusion.search.column import HEIGHT, Z, score, slabs, spine
+from locate.fusion.search.columns import PlumeColumn
+from locate.fusion.search.score import score
 from locate.fusion.views import Views
 
 STEP_UNITS = 0.02
@@ -65,11 +66,11 @@ class Contact:
     hidden: bool
 
 
-def locate_base(views: Views, column: FloatArray, unit: float) -> Base:
+def locate_base(views: Views, column: PlumeColumn) -> Base:
     """The posterior mean and sigma of the source's height, given the evidence along the axis."""
-    step = STEP_UNITS * unit
-    heights = np.arange(-REACH_BELOW_UNITS * unit, column[HEIGHT] + unit, step)
-    evidence = score(views, slabs(column, heights, step), along=1).sum(axis=0)
+    step = STEP_UNITS * views.unit
+    heights = np.arange(-REACH_BELOW_UNITS * views.unit, column.height + views.unit, step)
+    evidence = score(views, column.slabs(heights, step), along=1).sum(axis=0)
     low, high = _seen_interval(heights, evidence)
     contact = find_contact(views, column, heights[heights <= (low + high) / 2], step)
     inside = (heights >= contact.height) & (heights <= (low + high) / 2)
@@ -102,7 +103,7 @@ def _seen_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float, fl
     return float(heights[first]), float(heights[last])
 
 
-def find_contact(views: Views, column: FloatArray, heights: FloatArray, step: float) -> Contact:
+def find_contact(views: Views, column: PlumeColumn, heights: FloatArray, step: float) -> Contact:
     """Where the axis, followed downwards, meets a surface, or the lowest height where it may.
 
     A view in which the lever falls to nearly zero sees the axis touch the surface, where a
@@ -113,11 +114,11 @@ def find_contact(views: Views, column: FloatArray, heights: FloatArray, step: fl
 
     Args:
         views: The evidence with the inverse depth of the background.
-        column: (8,) the column.
+        column: The column.
         heights: (S,) ascending, from below any surface up to the middle of the evidence.
         step: Their spacing, world units.
     """
-    points = spine(column[None], heights[None])[0]
+    points = column.axis_points(heights)
     contacts: list[float] = []
     covers: list[float] = []
     for i in range(len(views)):
@@ -136,7 +137,7 @@ def find_contact(views: Views, column: FloatArray, heights: FloatArray, step: fl
         past_the_cover = float(np.median(covers)) - COVER_EDGE_UNITS * views.unit
         contacts = [contact for contact in contacts if contact < past_the_cover]
     if len(contacts) < FEWEST_CONTACTS:
-        lowest = max(heights[0], min(views.floor - column[Z], heights[-1]))
+        lowest = max(heights[0], min(views.floor - column.lowest_z, heights[-1]))
         return Contact(height=float(lowest), sigma=step, found=False, hidden=hidden)
     crossings = np.array(contacts)
     height = float(np.median(crossings))

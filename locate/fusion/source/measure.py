@@ -9,19 +9,9 @@ from geometry.arrays import FloatArray, IntArray
 from locate.fusion.axis.graph import AxisEstimate, agreeing, averaged, estimate_axis
 from locate.fusion.axis.sightings import VIEW_SAW_NATS, bends_away, sight_axis
 from locate.fusion.axis.sway import Explanation
-from locate.fusion.search.column import (
-    HEIGHT,
-    OPENING,
-    RADIUS,
-    SLOPE_X,
-    SLOPE_Y,
-    X,
-    Y,
-    evidence,
-    score,
-    spine,
-)
+from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.search.fit import WHOLE, climb, steps
+from locate.fusion.search.score import evidence, score
 from locate.fusion.source.base import locate_base
 from locate.fusion.views import Views
 from locate.map.plume import Plume
@@ -35,12 +25,11 @@ REFRACTIVE_INDEX: dict[int, RefractiveIndex | None] = {1: "lower", -1: "higher",
 
 def find_axis(
     views: Views,
-    column: FloatArray,
-    unit: float,
+    column: PlumeColumn,
     rng: np.random.Generator,
     *,
     turns: range = WHOLE,
-) -> tuple[FloatArray, AxisEstimate] | None:
+) -> tuple[PlumeColumn, AxisEstimate] | None:
     """The column where it really stands, and its axis; None where too few views see it.
 
     Columns of quite another shape explain the evidence nearly as well, and have their axis sighted
@@ -49,25 +38,25 @@ def find_axis(
     without the small-sample term). The column is the one that most speaks for. `turns` of the
     search: fewer stay nearer.
     """
-    starts = column + rng.normal(size=(SEARCHES, 8)) * steps(unit)
-    starts[0] = column
-    columns, _ = climb(partial(evidence, views), starts, unit, rng, turns=turns)
-    seen: list[tuple[FloatArray, AxisEstimate]] = []
+    starts = column.array + rng.normal(size=(SEARCHES, 8)) * steps(views.unit)
+    starts[0] = column.array
+    columns, _ = climb(partial(evidence, views), Columns(starts), views.unit, rng, turns=turns)
+    seen: list[tuple[PlumeColumn, AxisEstimate]] = []
     for each in columns:
-        refined = refine_axis(views, each, unit, seen[0][1].sway.plausible if seen else ())
+        refined = refine_axis(views, each, seen[0][1].sway.plausible if seen else ())
         if refined is not None:
             seen.append(refined)
     if not seen:
         return None
     seen = [seen[k] for k in np.flatnonzero(agreeing([axis for _, axis in seen]))]
-    nats = evidence(views, np.stack([each for each, _ in seen]))
+    nats = evidence(views, Columns.of([each for each, _ in seen]))
     seen = [seen[k] for k in np.argsort(-nats, kind="stable")]
     return seen[0][0], averaged([axis for _, axis in seen])
 
 
 def refine_axis(
-    views: Views, column: FloatArray, unit: float, among: Sequence[Explanation] = ()
-) -> tuple[FloatArray, AxisEstimate] | None:
+    views: Views, column: PlumeColumn, among: Sequence[Explanation] = ()
+) -> tuple[PlumeColumn, AxisEstimate] | None:
     """Sights the axis and solves for it in turns; None where too few views see it.
 
     The sway is looked for `among` these (nothing: all), then among what is left of them.
@@ -75,49 +64,42 @@ def refine_axis(
     axis = None
     for _ in range(REFINEMENTS):
         sightings = sight_axis(views, column)
-        origin = locate_base(views, column, unit).height
-        axis = estimate_axis(views.trajectory, column, sightings, unit, origin=origin, among=among)
+        origin = locate_base(views, column).height
+        axis = estimate_axis(
+            views.trajectory, column, sightings, views.unit, origin=origin, among=among
+        )
         if axis is None:
             return None
         among = axis.sway.plausible
-        column = _moved(column, axis.line)
+        column = column.on_line(axis.line)
     return None if axis is None else (column, axis)
 
 
-def _moved(column: FloatArray, line: FloatArray) -> FloatArray:
-    """The column with its axis on another line (x and y at its lowest point, slopes)."""
-    moved = column.copy()
-    moved[[X, Y, SLOPE_X, SLOPE_Y]] = line
-    return moved
-
-
 def locate_source(
-    views: Views, column: FloatArray, axis: AxisEstimate, unit: float
+    views: Views, column: PlumeColumn, axis: AxisEstimate
 ) -> tuple[FloatArray, FloatArray]:
     """(3,) source and its (3, 3) covariance.
 
     An axis that stands a little elsewhere may meet another surface, or none; so the base is
     sought along several lines that the sightings allow.
     """
-    candidates = [_moved(column, line) for line in axis.spread()]
-    bases = [locate_base(views, candidate, unit) for candidate in candidates]
+    candidates = [column.on_line(line) for line in axis.spread()]
+    bases = [locate_base(views, candidate) for candidate in candidates]
     heights = np.array([[base.height] for base in bases])
-    points = spine(np.array(candidates), heights)[:, 0]
+    points = Columns.of(candidates).axis_points(heights)[:, 0]
     along = float(np.mean([base.sigma**2 for base in bases]))
     covariance = np.cov(points.T, bias=True) + along * np.outer(axis.rise, axis.rise)
     return points.mean(axis=0), covariance
 
 
-def measured(
-    views: Views, column: FloatArray, axis: AxisEstimate, unit: float, false_alarm: float
-) -> Plume:
+def measured(views: Views, column: PlumeColumn, axis: AxisEstimate, false_alarm: float) -> Plume:
     """The plume that a column with this axis is."""
-    base = locate_base(views, column, unit)
-    source, covariance = locate_source(views, column, axis, unit)
+    base = locate_base(views, column)
+    source, covariance = locate_source(views, column, axis)
     heights = np.linspace(base.lowest_seen, base.highest_seen, RADIUS_SAMPLES)
-    radii = column[RADIUS] + column[OPENING] * np.clip(heights, 0, None)
+    radii = column.radius + column.opening * np.clip(heights, 0, None)
     distances = (heights - (source[2] - axis.lowest)) * np.linalg.norm(axis.rise)
-    saw = score(views, column[None])[:, 0] > VIEW_SAW_NATS
+    saw = score(views, column.alone)[:, 0] > VIEW_SAW_NATS
     return Plume(
         id=0,
         source=source,
@@ -127,22 +109,22 @@ def measured(
         extent_low=float(distances[0]),
         extent_high=float(distances[-1]),
         radius_by_height=np.column_stack([distances, radii]),
-        evidence_nats=float(evidence(views, column[None])[0]),
+        evidence_nats=float(evidence(views, column.alone)[0]),
         probability=1 - false_alarm,
         views=tuple(int(index) for index in views.trajectory.indices[saw]),
         displacement_px=_displacement(views, column, np.flatnonzero(saw)),
         source_hidden=base.hidden,
-        refractive_index=REFRACTIVE_INDEX[bends_away(views, _moved(column, axis.line))],
+        refractive_index=REFRACTIVE_INDEX[bends_away(views, column.on_line(axis.line))],
     )
 
 
-def _displacement(views: Views, column: FloatArray, rows: IntArray) -> float:
+def _displacement(views: Views, column: PlumeColumn, rows: IntArray) -> float:
     """Mean displacement along the axis in the views of these rows, px of the original frames.
 
     0 where no row shows it.
     """
-    heights = np.linspace(0, column[HEIGHT], RADIUS_SAMPLES)
-    points = spine(column[None], heights[None])[0]
+    heights = np.linspace(0, column.height, RADIUS_SAMPLES)
+    points = column.axis_points(heights)
     height, width = views.llr.shape[1:]
     values = [np.empty((0, 2))]
     for i in rows:

@@ -1,7 +1,4 @@
-"""The column model of a plume, and how well the views speak for a column.
-
-Columns are rows of (N, 8) arrays, so that thousands are scored at once; the world's Z is up.
-"""
+"""How well the views speak for columns."""
 
 from typing import NamedTuple, Self
 
@@ -10,9 +7,9 @@ import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.grid import lever_gate
+from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
 
-X, Y, Z, SLOPE_X, SLOPE_Y, HEIGHT, RADIUS, OPENING = range(8)
 FOOTPRINT_SHARE = 0.85
 NEAREST_DEPTH_UNITS = 0.5
 EXPLAINED_RADII = 1.5
@@ -22,44 +19,13 @@ SAMPLES_AT_ONCE = 100_000
 OUTSIDE_PX = -1e4
 
 
-def spine(columns: FloatArray, heights: FloatArray) -> FloatArray:
-    """(N, S, 3) points of the axes at (N, S) heights above the columns' lowest points."""
-    return np.stack(
-        [
-            columns[:, X, None] + columns[:, SLOPE_X, None] * heights,
-            columns[:, Y, None] + columns[:, SLOPE_Y, None] * heights,
-            columns[:, Z, None] + heights,
-        ],
-        axis=-1,
-    )
-
-
-def axis_direction(column: FloatArray) -> FloatArray:
-    """(3,) unit vector along the column's rise."""
-    direction = np.array([column[SLOPE_X], column[SLOPE_Y], 1.0])
-    return np.asarray(direction / np.linalg.norm(direction))
-
-
-def slabs(column: FloatArray, heights: FloatArray, thickness: float) -> FloatArray:
-    """(S, 8) columns cut from one, each `thickness` high, centred on the (S,) heights.
-
-    Heights below the column's lowest point continue its axis with the radius it has there.
-    """
-    cut = np.repeat(column[None], len(heights), axis=0)
-    low = heights - thickness / 2
-    cut[:, [X, Y, Z]] = spine(column[None], low[None])[0]
-    cut[:, HEIGHT] = thickness
-    cut[:, RADIUS] = column[RADIUS] + column[OPENING] * np.clip(low, 0, None)
-    return cut
-
-
-def score(views: Views, columns: FloatArray, *, along: int = 14, across: int = 5) -> FloatArray:
+def score(views: Views, columns: Columns, *, along: int = 14, across: int = 5) -> FloatArray:
     """(V, N) evidence of each view for each column, nats; see `sums`."""
     return sums(views, columns, along=along, across=across)[0]
 
 
 def sums(
-    views: Views, columns: FloatArray, *, along: int = 14, across: int = 5
+    views: Views, columns: Columns, *, along: int = 14, across: int = 5
 ) -> tuple[FloatArray, FloatArray]:
     """What each view says of each column.
 
@@ -68,7 +34,7 @@ def sums(
 
     Args:
         views: The evidence.
-        columns: (N, 8) columns.
+        columns: N columns.
         along: Samples along the axis.
         across: Samples across it.
 
@@ -103,15 +69,15 @@ class _Outlines(NamedTuple):
     slab: FloatArray
 
     @classmethod
-    def of(cls, columns: FloatArray, along: int) -> Self:
-        heights = columns[:, HEIGHT] * (np.arange(along)[:, None] + 0.5) / along
-        axes = np.stack([columns[:, SLOPE_X], columns[:, SLOPE_Y], np.ones(len(columns))])
+    def of(cls, columns: Columns, along: int) -> Self:
+        heights = columns.heights * (np.arange(along)[:, None] + 0.5) / along
+        axes = np.stack([*columns.slopes.T, np.ones(len(columns))])
         lengths = np.linalg.norm(axes, axis=0)
         return cls(
-            points=spine(columns, heights.T).T.reshape(3, -1),
-            half_widths=FOOTPRINT_SHARE * (columns[:, RADIUS] + columns[:, OPENING] * heights),
+            points=columns.axis_points(heights.T).T.reshape(3, -1),
+            half_widths=FOOTPRINT_SHARE * (columns.radii + columns.openings * heights),
             directions=axes / lengths,
-            slab=columns[:, HEIGHT] * lengths / along,
+            slab=columns.heights * lengths / along,
         )
 
 
@@ -168,13 +134,13 @@ def agreed(nats: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(nats, limit).sum(axis=0))
 
 
-def evidence(views: Views, columns: FloatArray) -> FloatArray:
-    """(N,) what all views together say for (N, 8) columns, nats."""
+def evidence(views: Views, columns: Columns) -> FloatArray:
+    """(N,) what all views together say for N columns, nats."""
     return agreed(score(views, columns))
 
 
-def stands_out(views: Views, columns: FloatArray) -> FloatArray:
-    """(N,) how clearly (N, 8) columns stand out of what is around them, in no unit of note.
+def stands_out(views: Views, columns: Columns) -> FloatArray:
+    """(N,) how clearly N columns stand out of what is around them, in no unit of note.
 
     The sum over views of S / n^0.75, for S nats in n looks. It is largest for a plume's own
     outline: whatever says less than three quarters of the mean inside lessens it, so that a gap
@@ -184,21 +150,20 @@ def stands_out(views: Views, columns: FloatArray) -> FloatArray:
     return agreed(np.maximum(nats, 0) / np.maximum(looks, LEAST_LOOKS) ** SHARPNESS)
 
 
-def covered(views: Views, column: FloatArray) -> BoolArray:
+def covered(views: Views, column: PlumeColumn) -> BoolArray:
     """(V, H, W) the pixels inside a column's outline that speak for a plume."""
     return np.asarray((views.llr > 0) & (without(views, column, radii=1.0).llr == 0))
 
 
-def without(views: Views, column: FloatArray, *, radii: float = EXPLAINED_RADII) -> Views:
+def without(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADII) -> Views:
     """The views with the evidence inside a column's outline, `radii` wide, set to zero.
 
     What one plume explains must not speak for another.
     """
-    wide = column.copy()
-    wide[[RADIUS, OPENING]] *= radii
-    heights = np.linspace(-0.1, 1.1, 25) * column[HEIGHT]
-    points = spine(wide[None], heights[None])[0]
-    half_widths = np.maximum(wide[RADIUS] + wide[OPENING] * heights, wide[RADIUS] / 2)
+    wide = column.widened(radii)
+    heights = np.linspace(-0.1, 1.1, 25) * column.height
+    points = wide.axis_points(heights)
+    half_widths = np.maximum(wide.radius + wide.opening * heights, wide.radius / 2)
     llr = views.llr.copy()
     for i in range(len(views)):
         in_cam = views.trajectory.world_to_cam(i, points)
