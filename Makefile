@@ -31,22 +31,22 @@ ros:
 
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m slow
-	$(BIN)/python benchmarks/run_cost.py
-	$(BIN)/python benchmarks/fusion_geometry.py
-	$(BIN)/python benchmarks/orbit_scenes.py
+	$(BIN)/python -m benchmarks.cost run
+	$(BIN)/python -m benchmarks.fusion geometry
+	$(BIN)/python -m benchmarks.scenes orbit
 	$(BIN)/python -m benchmarks.stated_probability film
 	$(BIN)/python -m benchmarks.stated_probability judge
 	$(BIN)/python -m benchmarks.stated_probability tell
-	$(BIN)/python benchmarks/sfm_real.py
-	$(BIN)/python benchmarks/telemetry_offset.py
-	$(BIN)/python benchmarks/flow_comparison.py
-	$(BIN)/python benchmarks/bos_pairs.py
+	$(BIN)/python -m benchmarks.sfm
+	$(BIN)/python -m benchmarks.telemetry_offset
+	$(BIN)/python -m benchmarks.flow simulated
+	$(BIN)/python -m benchmarks.flow pairs
 	$(BIN)/python benchmarks/paper_experiments.py deflected
 	$(BIN)/python benchmarks/paper_experiments.py moving
-	$(BIN)/python benchmarks/survey_fusion.py
-	$(BIN)/python -m benchmarks.scaling_fusion
-	$(BIN)/python benchmarks/robot_offline.py
-	$(BIN)/python benchmarks/robot_update.py
+	$(BIN)/python -m benchmarks.survey fusion
+	$(BIN)/python -m benchmarks.survey joining
+	$(BIN)/python -m benchmarks.robot offline
+	$(BIN)/python -m benchmarks.robot update
 
 train: $(VENV)/dev.stamp
 	mkdir -p build/data/sets

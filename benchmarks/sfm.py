@@ -1,6 +1,6 @@
 """Structure from motion on real photos, against ground truth, GPS or a published reconstruction.
 
-``python benchmarks/sfm_real.py [DATA_DIR] [--only NAME]`` prints a table. DATA_DIR holds `2_sfm/`.
+``python -m benchmarks.sfm [DATA_DIR] [--only NAME]`` prints a table. DATA_DIR holds `2_sfm/`.
 """
 
 import argparse

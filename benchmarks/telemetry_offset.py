@@ -1,6 +1,6 @@
 """How well the time offset between a video and its telemetry is found, on simulated flights.
 
-    python benchmarks/telemetry_offset.py [--flights 40]
+    python -m benchmarks.telemetry_offset [--flights 40]
 
 A flight of 3 minutes with manoeuvres; 5 Hz telemetry with white and slowly wandering GPS error
 and 2 % outliers of 30 m; a camera path in free units, 5 mm off, from the middle of it. Printed for

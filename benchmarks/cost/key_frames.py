@@ -1,8 +1,9 @@
 """CPU s for each frame of a video, to decode it and choose its key frames.
 
-``python -m benchmarks.key_frame_cost``: H.264 of a moving grey texture, made on the spot.
+``python -m benchmarks.cost key-frames``: H.264 of a moving grey texture, made on the spot.
 """
 
+import argparse
 import tempfile
 import time
 from pathlib import Path
@@ -17,8 +18,11 @@ from locate.recording.writer import open_video
 SIZES = ((1920, 1080, 90), (3840, 2160, 45))
 
 
-def main() -> None:
-    cv2.setNumThreads(1)
+def add_arguments(_parser: argparse.ArgumentParser) -> None:
+    """There are none."""
+
+
+def main(_options: argparse.Namespace) -> None:
     ground = texture(np.random.default_rng(0))
     print("size | frames | Mbit/s | key frames | CPU s a frame")
     for width, height, count in SIZES:
@@ -44,7 +48,3 @@ def texture(rng: np.random.Generator) -> GreyImage:
     ground = cv2.resize(coarse, (5760, 3840), interpolation=cv2.INTER_CUBIC)
     ground += cv2.resize(fine, (5760, 3840))
     return np.asarray(np.clip(ground, 0, 255), dtype=np.uint8)
-
-
-if __name__ == "__main__":
-    main()

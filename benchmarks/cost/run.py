@@ -1,7 +1,7 @@
 """What a run costs: CPU and wall seconds of every stage, and the peak memory.
 
-python benchmarks/run_cost.py                # the bundled sample, 60 frames of 640x480
-python benchmarks/run_cost.py video.mp4
+python -m benchmarks.cost run                # the bundled sample, 60 frames of 640x480
+python -m benchmarks.cost run video.mp4
 """
 
 import argparse
@@ -18,13 +18,14 @@ from locate.recording.sample import SAMPLE_VIDEO
 STAGES = ("frames", "poses", "place", "detections", "fusion", "report")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="?", default=SAMPLE_VIDEO)
-    arguments = parser.parse_args()
+
+
+def main(options: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "run"
-        command = [sys.executable, "-m", "locate", "run", arguments.recording, "-o", output]
+        command = [sys.executable, "-m", "locate", "run", options.recording, "-o", output]
         subprocess.run(command, check=True, capture_output=True)
         print(f"{'stage':10s} | CPU s | wall s | note        ({os.cpu_count()} cores)")
         for stage in STAGES:
@@ -37,7 +38,3 @@ def main() -> None:
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     print(f"in all     | {usage.ru_utime + usage.ru_stime:5.1f} CPU s, start-up included")
     print(f"peak memory | {usage.ru_maxrss / 1024:.0f} MB")
-
-
-if __name__ == "__main__":
-    main()

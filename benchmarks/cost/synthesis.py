@@ -1,6 +1,6 @@
 """Fields and crops per CPU second of the synthesis, one thread.
 
-    OMP_NUM_THREADS=1 python benchmarks/synthesis_speed.py [--photos DIR] [--flows DIR | --runs 5]
+    OMP_NUM_THREADS=1 python -m benchmarks.cost synthesis [--photos DIR] [--flows DIR | --runs 5]
 
 Flows are simulated into a temporary folder unless there is one. A crop is 128 x 128 px.
 """
@@ -9,10 +9,9 @@ import argparse
 import platform
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from detect.synthesis import FAMILIES, Recipe, Sources, sample_at
@@ -51,13 +50,13 @@ def time_crops(recipe: Recipe) -> tuple[float, float]:
     return seconds, float(np.mean([sample.mask.mean() for sample in samples]))
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--photos", type=Path)
     parser.add_argument("--flows", type=Path)
     parser.add_argument("--runs", type=int, default=1)
-    options = parser.parse_args(arguments)
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     print(f"{platform.machine()}, Python {platform.python_version()}, one thread\n")
     print("| what | CPU ms each | per CPU s |\n|---|---|---|")
     with tempfile.TemporaryDirectory() as scratch:
@@ -73,7 +72,3 @@ def main(arguments: Sequence[str] | None = None) -> None:
             covered.append(share)
             print_row(f"crop, {family}", seconds, CROPS)
         print(f"\nPlume covers {100 * np.mean(covered):.0f} % of the pixels of positives.")
-
-
-if __name__ == "__main__":
-    main()

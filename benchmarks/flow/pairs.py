@@ -1,6 +1,6 @@
 """Real pairs of a reference and a plume: every flow method against the authors' PIV field.
 
-    OMP_NUM_THREADS=1 python benchmarks/bos_pairs.py [DATA_DIR] [--methods horn-schunck ...]
+    OMP_NUM_THREADS=1 python -m benchmarks.flow pairs [DATA_DIR] [--methods horn-schunck ...]
                                                      [--network DYBS.onnx ...]
 
 The blowtorch pair comes with displacements from PIV: 137 x 336 windows of 16 px, one every 8 px.
@@ -119,18 +119,14 @@ def compare_networks(data: Path, paths: Sequence[Path]) -> None:
             print(f"| {path.name} | {name}, reference | {network_row(path, reference, None)} |")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("data", type=Path, nargs="?", default=DEFAULT_DATA)
     parser.add_argument("--methods", nargs="*", default=list(METHODS))
     parser.add_argument("--network", type=Path, nargs="*", default=[])
-    options = parser.parse_args(arguments)
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     if options.methods:
         compare_methods(options.data, options.methods)
     if options.network:
         compare_networks(options.data, options.network)
-
-
-if __name__ == "__main__":
-    main()

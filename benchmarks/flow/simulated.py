@@ -1,6 +1,6 @@
 """The paper's comparison of flow methods, with truth: simulated pairs before printed backgrounds.
 
-    OMP_NUM_THREADS=1 python benchmarks/flow_comparison.py [--flows DIR] [--onnx NET.onnx ...]
+    OMP_NUM_THREADS=1 python -m benchmarks.flow simulated [--flows DIR] [--onnx NET.onnx ...]
 
 A reference (mean of 50 frames) and a frame with a plume, both formed as a camera forms them; the
 camera vibrates by up to 0.2 px in each direction, and the median bias is removed. Plume: |w| above
@@ -17,7 +17,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from detect.bos import texture_of, unbiased_flow
@@ -168,15 +167,15 @@ def print_costs(count: int, noise: float) -> None:
         print(f"| {name} | {' | '.join(f'{cost:.3f}' for cost in costs)} |", flush=True)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--flows", type=Path, help="simulated runs; without, random turbulence")
     parser.add_argument("--onnx", type=Path, nargs="*", default=[], help="flow networks")
     parser.add_argument("--pairs", type=int, default=8, help="per background and peak")
     parser.add_argument("--noise", type=float, default=1.0, help="grey levels of 255")
     parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args(arguments)
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     runs = runs_in(options.flows, "test") if options.flows else ()
     simulated = {
         kind: list(pairs(kind, options.pairs, options.noise, runs, options.seed)) for kind in KINDS
@@ -192,7 +191,3 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for kind, group in simulated.items():
             print(f"| {Path(name).name} | {kind} | {row(flow, group)} | {spent:.0f} |", flush=True)
     print_costs(options.pairs, options.noise)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """How many of a run's views say something of their own.
 
-    python benchmarks/independent_looks.py work/orbit/clean_1000/run work/orbit/clean_1003/run
+    python -m benchmarks.fusion correlation work/orbit/clean_1000/run work/orbit/clean_1003/run
 
 The evidence of views k apart is correlated at the same points in space, sampled at random in the
 run's volume; the strongest 5 % are clipped, so that a plume does not count as agreement. Of N views
@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
-from geometry.errors import LocateError
 from geometry.grid import LEVER_FULL, LEVER_NONE, lever
 from geometry.trajectory import Trajectory
 from locate.fusion.views import Views
@@ -62,15 +61,13 @@ def correlations(llr: FloatMap) -> FloatArray:
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("runs", type=Path, nargs="+")
-    arguments = parser.parse_args()
-    for run in arguments.runs:
-        try:
-            views = load_views(run)
-        except LocateError as error:
-            parser.error(str(error))
+
+
+def main(options: argparse.Namespace) -> None:
+    for run in options.runs:
+        views = load_views(run)
         if len(views) < FEWEST_VIEWS or np.isnan(views.unit):
             print(f"{run.parent.name} | {FEWEST_VIEWS} views of known depth are needed")
             continue
@@ -89,7 +86,3 @@ def main() -> None:
                 f"correlation of neighbours {r[0]:.2f}, of views 4 apart {r[3]:.2f}",
                 flush=True,
             )
-
-
-if __name__ == "__main__":
-    main()

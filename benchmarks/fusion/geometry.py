@@ -1,7 +1,7 @@
 """How well the geometry alone does: fusion of true masks that were spoilt on purpose.
 
-    python benchmarks/fusion_geometry.py --draws 100 --arc 60
-    python benchmarks/fusion_geometry.py --draws 12 --gaps 1 2 3    # two plumes, so far apart in m
+    python -m benchmarks.fusion geometry --draws 100 --arc 60
+    python -m benchmarks.fusion geometry --draws 12 --gaps 1 2 3    # two plumes, so far apart in m
 
 Every draw is a random column seen by 16 views from 8.5 m: 10 % of the pixels flipped, 30 % of
 the views blind, a false blob in 20 % of them, poses off by 1 cm and 0.1 degrees. The displacement
@@ -15,10 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from locate.fusion.fuse import fuse
-from locate.fusion.search.null import NullLevel
-from locate.fusion.views import Views, correlation_area
-from locate.simulation.evidence import (
+from benchmarks.common.evidence import (
     RANGE_M,
     Corruption,
     Truth,
@@ -26,6 +23,10 @@ from locate.simulation.evidence import (
     orbit,
     random_truth,
 )
+from geometry.errors import BadInputError
+from locate.fusion.fuse import fuse
+from locate.fusion.search.null import NullLevel
+from locate.fusion.views import Views, correlation_area
 
 
 def draw(
@@ -88,29 +89,30 @@ def null_of(seed: int, arc_deg: float, count: int) -> NullLevel:
     return NullLevel.from_views(views, views.volume(), rng, progress=lambda _share: None)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="Seed of the first draw.")
     parser.add_argument("--arc", type=float, nargs="+", default=[60.0])
     parser.add_argument("--views", type=int, default=16)
     parser.add_argument("--gaps", type=float, nargs="+", help="Two plumes, so many m apart.")
-    arguments = parser.parse_args()
-    if arguments.draws < 1 or arguments.views < 1:
-        parser.error("--draws and --views must be at least 1")
-    seeds = range(arguments.first, arguments.first + arguments.draws)
-    if arguments.gaps:
-        for gap_m in arguments.gaps:
-            apart = [told_apart(seed, arguments.arc[0], arguments.views, gap_m) for seed in seeds]
+
+
+def main(options: argparse.Namespace) -> None:
+    if options.draws < 1 or options.views < 1:
+        raise BadInputError("--draws and --views must be at least 1")
+    seeds = range(options.first, options.first + options.draws)
+    if options.gaps:
+        for gap_m in options.gaps:
+            apart = [told_apart(seed, options.arc[0], options.views, gap_m) for seed in seeds]
             print(f"gap {gap_m:g} m: told apart in {sum(apart)} of {len(apart)}", flush=True)
         return
     print(
         "arc deg | found | median m | % of range | p90 m | NEES/dof | horizontal | height | "
         "axis deg | false plumes"
     )
-    for arc in arguments.arc:
-        null = null_of(arguments.first, arc, arguments.views)
-        drawn = [draw(seed, arc, arguments.views, null) for seed in seeds]
+    for arc in options.arc:
+        null = null_of(options.first, arc, options.views)
+        drawn = [draw(seed, arc, options.views, null) for seed in seeds]
         found = np.array([result for result in drawn if result is not None])
         if not len(found):
             print(f"{arc:7.0f} |   0/{len(drawn)}", flush=True)
@@ -122,7 +124,3 @@ def main() -> None:
             f"{nees.mean() / 3:.2f} | {across.mean() / 2:.2f} | {along.mean():.2f} | "
             f"{np.median(axis):.1f} | {int(false.sum())}"
         )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,16 +1,16 @@
 """The fit of scale, rotation and place against simulated flights with a receiver's errors.
 
-``python -m benchmarks.georeference [DRAWS]`` prints a table: median errors of scale and up, and the
+Prints a table: median errors of scale and up, and the
 mean normalised error squared per degree of freedom of a point 50 m from the path; 1 is right.
 """
 
-import sys
+import argparse
 
 import numpy as np
 
+from benchmarks.georeference.flights import arc, strips, survey, tangent_between
 from geometry.errors import BadInputError
 from geometry.georeference import fit_similarity
-from tests.geometry.surveys import arc, strips, survey, tangent_between
 
 POINT_IN_ENU = np.array([[10.0, 5.0, 1.0]])
 UP_SIGMA_RAD = float(np.radians(0.5))
@@ -23,15 +23,18 @@ FLIGHTS = {
 NOISE = ((0.0, 0.0), (0.0, 0.2), (3.0, 0.1), (10.0, 0.1))
 
 
-def main() -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--draws", type=int, default=100)
+
+
+def main(options: argparse.Namespace) -> None:
     """Prints the table; the noise is 0.5 m horizontally and 0.8 m vertically."""
-    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 100
     print("flight | up | tau s | outliers | scale % (said) | tilt deg | NEES/dof | refused")
     for name, path in FLIGHTS.items():
         for correlation_s, outliers in NOISE:
             for known_up in (False, True):
                 errors, refused = [], 0
-                for seed in range(draws):
+                for seed in range(options.draws):
                     rng = np.random.default_rng([99, seed])
                     flight = survey(path, rng, outliers=outliers, correlation_s=correlation_s)
                     ups = [flight.gravity(rng, UP_SIGMA_RAD)] if known_up else []
@@ -54,7 +57,3 @@ def main() -> None:
                     f"{mean:.2f} | {refused}",
                     flush=True,
                 )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,13 +1,13 @@
 """Scale, up and place of simulated flights: real structure from motion, drawn fixes.
 
-``python -m benchmarks.campaign_placing CAMPAIGN RUNS [DRAWS]``: CAMPAIGN is a folder of
-``locate simulate``, RUNS one of run folders with the flights' names (``flights/`` of a survey).
-Each reconstruction is placed again with DRAWS receivers. Per flight and receiver: medians of the
-errors of scale and up, the share within 0.5 % and 0.5 degrees, and the mean normalised error
-squared per degree of freedom of a point in the middle (1 is right, more is overconfident).
+CAMPAIGN is a folder of `locate simulate`, RUNS one of run folders with the flights' names
+(`flights/` of a survey). Each reconstruction is placed again with so many receivers. Per flight and
+receiver: medians of the errors of scale and up, the share within 0.5 % and 0.5 degrees, and the
+mean normalised error squared per degree of freedom of a point in the middle (1 is right, more is
+overconfident).
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -31,19 +31,23 @@ RECEIVERS = {
 }
 
 
-def main() -> None:
-    folder, runs = Path(sys.argv[1]), Path(sys.argv[2])
-    draws = int(sys.argv[3]) if len(sys.argv) > 3 else 25
-    campaign = Campaign.load(folder / "campaign.yaml")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("campaign", type=Path)
+    parser.add_argument("runs", type=Path)
+    parser.add_argument("--draws", type=int, default=25)
+
+
+def main(options: argparse.Namespace) -> None:
+    campaign = Campaign.load(options.campaign / "campaign.yaml")
     print("flight | receiver | scale % | tilt deg | within | NEES/dof | refused")
     for flight in campaign.flights:
-        run = runs / flight.name
+        run = options.runs / flight.name
         if (run / "sfm" / "trajectory.json").exists():
-            truth = SceneTruth.load(folder / "truth" / flight.name).trajectory
+            truth = SceneTruth.load(options.campaign / "truth" / flight.name).trajectory
             for name, receiver in RECEIVERS.items():
                 errors = [
                     error_of(campaign, run, truth, receiver, np.random.default_rng([77, draw]))
-                    for draw in range(draws)
+                    for draw in range(options.draws)
                 ]
                 report(f"{flight.name} ({flight.path.kind}) | {name}", errors)
 
@@ -98,7 +102,3 @@ def error_of(
         float(np.degrees(np.arccos(np.clip(off.rotation[2, 2], -1, 1)))),
         float(miss @ np.linalg.solve(covariance, miss) / 3),
     )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Pixel scores of the registered detector against simulated truth.
 
-    python benchmarks/registered_pixels.py SIMULATION... [--pose-errors 0 0.03 0.1] [--frames 5]
+    python -m benchmarks.registered pixels SIMULATION... [--pose-errors 0 0.03 0.1] [--frames 5]
 
 A pixel is positive where the truth's mask holds and the background is a surface, negative where a
 surface is seen undisplaced (under 0.1 px); sky and weak fringes count as neither.
@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -94,21 +93,17 @@ def row(folder: Path, frames: Frames, count: int) -> str:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("simulations", nargs="+", type=Path)
     parser.add_argument("--pose-errors", nargs="+", type=float, default=[0.0, 0.03, 0.1])
     parser.add_argument("--frames", type=int, default=5)
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     print("scene, pose error: llr AUROC / AP   |w| AUROC / AP   prior   EPE / of zero, px   "
           "llr > 1 in / out   CPU s a frame")  # fmt: skip
-    for folder in arguments.simulations:
+    for folder in options.simulations:
         frames = load(folder)
-        for error_deg in arguments.pose_errors:
-            scores = row(folder, with_pose_error(frames, error_deg), arguments.frames)
+        for error_deg in options.pose_errors:
+            scores = row(folder, with_pose_error(frames, error_deg), options.frames)
             print(f"{folder.name}, {error_deg:.2f} deg: {scores}", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """What a robot's recording costs: the offline run, and playing it into the locator.
 
-    python benchmarks/robot_bag.py
+    python -m benchmarks.robot bag
 
 The bundled recording is written as an .mcap with its camera_info and its true poses, said to be
 known to 5 mm and 0.05 degrees, and given to `locate run` and to `locate robot bag`.
@@ -115,9 +115,11 @@ def timed(command: list[str | Path]) -> str:
     return f"{spent:.0f} CPU s, {wall_s:.0f} s in all, at most {after.ru_maxrss / 1024:.0f} MB"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.parse_args()
+def add_arguments(_parser: argparse.ArgumentParser) -> None:
+    """There are none."""
+
+
+def main(_options: argparse.Namespace) -> None:
     truth = Trajectory.from_dict(json.loads((SAMPLE / "truth.json").read_text()))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -129,7 +131,3 @@ def main() -> None:
             for plume in PlumeMap.load(output / "map.json").plumes:
                 sigma = plume.principal_sigmas[0]
                 print(f"  source {plume.source.round(2)}, sigma {sigma:.2f} m")
-
-
-if __name__ == "__main__":
-    main()

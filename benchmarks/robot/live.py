@@ -1,8 +1,8 @@
 """A robot's camera at 30 Hz into a `Locator`: frames looked at, latency, memory.
 
-    python benchmarks/robot_live.py --seconds 60
-    python benchmarks/robot_live.py --seconds 300 --width 320 --plot memory.svg
-    python benchmarks/robot_live.py --replay 120 --width 320
+    python -m benchmarks.robot live --seconds 60
+    python -m benchmarks.robot live --seconds 300 --width 320 --plot memory.svg
+    python -m benchmarks.robot live --replay 120 --width 320
 
 The bundled recording is driven there and back, each frame shown twice; poses are the true ones.
 Live, it comes in real time, and latency is from the stamp of the latest frame behind an update to
@@ -19,7 +19,6 @@ from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from detect.detection import Detection, Detector, Frames
@@ -143,8 +142,7 @@ def plotted(memory_mb: list[float], span: str) -> str:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--replay", type=int, default=0, metavar="KEY_FRAMES")
     parser.add_argument("--width", type=int, default=LocatorSettings().width_px)
@@ -154,40 +152,37 @@ def main() -> None:
     parser.add_argument("--lag", type=int, default=LocatorSettings().lag)
     parser.add_argument("--plain", action="store_true", help="judge by hand, not by the network")
     parser.add_argument("--plot", type=Path)
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     truth = Trajectory.from_dict(json.loads((SAMPLE / "truth.json").read_text()))
     settings = LocatorSettings(
-        width_px=arguments.width,
-        neighbours=arguments.neighbours,
-        lag=arguments.lag,
-        spacing=arguments.spacing,
-        detector_workers=arguments.lookers,
+        width_px=options.width,
+        neighbours=options.neighbours,
+        lag=options.lag,
+        spacing=options.spacing,
+        detector_workers=options.lookers,
     )
-    name = "registered-plain" if arguments.plain else "registered"
-    timed = Timed(make_detector(name, neighbours=arguments.neighbours))
-    detector = timed if arguments.plain or arguments.replay else None
+    name = "registered-plain" if options.plain else "registered"
+    timed = Timed(make_detector(name, neighbours=options.neighbours))
+    detector = timed if options.plain or options.replay else None
     started_s = cpu_s()
     with Locator(
-        truth.camera, settings=settings, detector=detector, threaded=not arguments.replay
+        truth.camera, settings=settings, detector=detector, threaded=not options.replay
     ) as locator:
-        if arguments.replay:
-            memory_mb = replay(locator, truth, arguments.replay)
+        if options.replay:
+            memory_mb = replay(locator, truth, options.replay)
             look_s = np.array(timed.cpu_s)
             rest_s = (cpu_s() - started_s - look_s.sum()) / len(look_s)
             print(f"{name}, CPU s a key frame: p50 {np.median(look_s):.2f} to look at it,")
             print(f"  {rest_s:.2f} for all else: searches, following, intake")
         else:
-            memory_mb = live(locator, truth, arguments.seconds)
+            memory_mb = live(locator, truth, options.seconds)
     print(f"memory, MB, by tenths: {' '.join(f'{mb:.0f}' for mb in memory_mb[:: SAMPLES // 10])}")
     print(locator.counts)
     for plume in locator.plume_map().plumes:
         print(f"source {plume.source.round(2)}, sigma {plume.principal_sigmas[0]:.2f} m")
-    if arguments.plot:
+    if options.plot:
         looked_at = f"{locator.counts.looked_at} key frames looked at"
-        span = looked_at if arguments.replay else f"{arguments.seconds / 60:.0f} min, {looked_at}"
-        arguments.plot.write_text(plotted(memory_mb, span))
-
-
-if __name__ == "__main__":
-    main()
+        span = looked_at if options.replay else f"{options.seconds / 60:.0f} min, {looked_at}"
+        options.plot.write_text(plotted(memory_mb, span))

@@ -1,8 +1,8 @@
 """Views needed until a source is known to 5 cm: the suggested ones against a lawn-mower's.
 
-    python benchmarks/robot_next_view.py --scenes 20
+    python -m benchmarks.robot next-view --scenes 20
 
-Exact evidence, spoilt on purpose (see `locate.simulation.evidence`). Every robot begins with the
+Exact evidence, spoilt on purpose (see `benchmarks.common.evidence`). Every robot begins with the
 same eight views on a short arc. Then one takes, of a grid of places, the one that `suggest` ranks
 first; the others take the same places lane by lane, one with the camera fixed, one turning it to
 the plume. As in a `Locator`, all views are searched where enough are new, and the plume is followed
@@ -13,9 +13,9 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
+from benchmarks.common.evidence import Corruption, Truth, corrupted_views, orbit, random_truth
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
@@ -28,7 +28,6 @@ from locate.robot.engine import NEW_SHARE
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.robot.next_view import rank
 from locate.robot.settings import LocatorSettings
-from locate.simulation.evidence import Corruption, Truth, corrupted_views, orbit, random_truth
 from locate.simulation.paths import look_at
 
 GOAL_M = 0.05
@@ -198,14 +197,14 @@ def views_needed(policy: Turning, seed: int) -> tuple[int, float]:
     return MOST_VIEWS, np.nan
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     needed: dict[str, list[int]] = {name: [] for name in POLICIES}
-    for seed in range(arguments.first, arguments.first + arguments.scenes):
+    for seed in range(options.first, options.first + options.scenes):
         line = [f"{seed:2d}"]
         for name, policy in POLICIES.items():
             count, error = views_needed(policy(), seed)
@@ -215,7 +214,3 @@ def main() -> None:
     for name, counts in needed.items():
         missed = sum(count == MOST_VIEWS for count in counts)
         print(f"{name}: median {np.median(counts):.0f} views, not reached in {missed}")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,8 +1,8 @@
 """A drive followed live against `locate run` on the same frames with the same poses.
 
-    python benchmarks/robot_offline.py                       # the bundled sample
-    python benchmarks/robot_offline.py SCENE [SCENE ...]     # folders that `locate simulate` wrote
-    python benchmarks/robot_offline.py SCENE --width 320 --neighbours 4 --lag 2
+    python -m benchmarks.robot offline                       # the bundled sample
+    python -m benchmarks.robot offline SCENE [SCENE ...]     # folders that `locate simulate` wrote
+    python -m benchmarks.robot offline SCENE --width 320 --neighbours 4 --lag 2
 
 The poses are the true ones, said to be known to 5 mm and 0.05 degrees. No frame is dropped. The
 two choose their frames each in its own way; the sources are compared by the sum of their
@@ -16,7 +16,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from detect.registry import make_detector
@@ -81,31 +80,27 @@ def compared(name: str, live: Plumes, run: Plumes, sources: FloatArray) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenes", nargs="*", type=Path)
     parser.add_argument("--detector", default="registered")
     for name in ("width_px", "neighbours", "lag"):
         option = f"--{name.removesuffix('_px')}"
         parser.add_argument(option, type=int, default=getattr(LocatorSettings(), name), dest=name)
-    arguments = parser.parse_args()
+
+
+def main(options: argparse.Namespace) -> None:
     settings = LocatorSettings(
-        width_px=arguments.width_px, neighbours=arguments.neighbours, lag=arguments.lag
+        width_px=options.width_px, neighbours=options.neighbours, lag=options.lag
     )
-    cv2.setNumThreads(1)
-    scenes = arguments.scenes or [SAMPLE]
+    scenes = options.scenes or [SAMPLE]
     for scene in scenes:
         video = SAMPLE_VIDEO if scene == SAMPLE else scene / "video.mkv"
         content = json.loads((scene / "truth.json").read_text())
         truth = Trajectory.from_dict(content)
         sources = np.array([plume["source"] for plume in content["plumes"]])
         started = time.process_time()
-        live = online(video, truth, arguments.detector, settings)
+        live = online(video, truth, options.detector, settings)
         middle = time.process_time()
-        run = offline(video, truth, arguments.detector)
+        run = offline(video, truth, options.detector)
         costs = f"  CPU {middle - started:.0f} s live, {time.process_time() - middle:.0f} s offline"
         print(compared(scene.name, live, run, sources), costs, sep="\n", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,9 +1,9 @@
 """What it costs to take one more view of a known plume into its estimate.
 
-    python benchmarks/robot_update.py --views 5000
+    python -m benchmarks.robot update --views 5000
 
 A column of air is searched in 32 views of exact evidence, spoilt on purpose (see
-`locate.simulation.evidence`), then followed through as many more as asked for, there and back
+`benchmarks.common.evidence`), then followed through as many more as asked for, there and back
 along the same arc. The time of an update is that of sighting the axis and of solving the graph.
 """
 
@@ -11,16 +11,15 @@ import argparse
 import time
 from itertools import cycle
 
-import cv2
 import numpy as np
 
+from benchmarks.common.evidence import Corruption, corrupted_views, orbit, random_truth
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
-from locate.simulation.evidence import Corruption, corrupted_views, orbit, random_truth
 
 KEPT = 32
 NULL = NullLevel.fitted([10.0, 14.0, 12.0])
@@ -47,13 +46,13 @@ def one(views: Views, row: int) -> Views:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=5)
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
-    rng = np.random.default_rng(arguments.seed)
+
+
+def main(options: argparse.Namespace) -> None:
+    rng = np.random.default_rng(options.seed)
     truth = random_truth(rng)
     views = corrupted_views(truth, orbit(KEPT, 60), rng, Corruption(missed_views=0))
     started = time.process_time()
@@ -64,7 +63,7 @@ def main() -> None:
     rows = cycle([*reversed(range(KEPT)), *range(KEPT)])
     parts = [one(views, row) for row in range(KEPT)]
     spent_ms, latest = [], plume
-    for number, row in zip(range(KEPT, KEPT + arguments.views), rows, strict=False):
+    for number, row in zip(range(KEPT, KEPT + options.views), rows, strict=False):
         started = time.process_time()
         latest = follower.add(number, pose(views, row, number * NS // 5), parts[row]) or latest
         spent_ms.append(1e3 * (time.process_time() - started))
@@ -76,7 +75,3 @@ def main() -> None:
         squared = error @ np.linalg.solve(found.source_covariance, error)
         sigma_cm = 100 * found.principal_sigmas[0]
         print(f"{name}: sigma {sigma_cm:.1f} cm, Mahalanobis^2 to the truth {squared:.1f}")
-
-
-if __name__ == "__main__":
-    main()

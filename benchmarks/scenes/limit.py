@@ -1,12 +1,12 @@
 """Whether the stated detection limit is true: plumes of known strength put into a clean recording.
 
-    python benchmarks/detection_limit.py --work work/orbit --seeds 1001 1002 1003 1004
+    python -m benchmarks.scenes limit --work work/orbit --seeds 1001 1002 1003 1004
 
-Needs what `benchmarks/orbit_scenes.py --work work/orbit --seeds ...` leaves: the run of each scene
-without a plume, and the true displacement of the same scene with one. That displacement, scaled to
-a share of the stated limit, bends the clean frames; poses are kept, the detector and the decision
-are repeated, once with nothing put in: that states the limit. The strength of a plume is its mean
-displacement along the axis, as the limit is.
+Needs what `python -m benchmarks.scenes orbit --work work/orbit --seeds ...` leaves: the run of each
+scene without a plume, and the true displacement of the same scene with one. That displacement,
+scaled to a share of the stated limit, bends the clean frames; poses are kept, the detector and the
+decision are repeated, once with nothing put in: that states the limit. The strength of a plume is
+its mean displacement along the axis, as the limit is.
 """
 
 import argparse
@@ -94,34 +94,30 @@ def found(
     return bool(evaluation.plumes), plume_map
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1001, 1002, 1003, 1004])
     parser.add_argument("--shares", type=float, nargs="+", default=[0.5, 1.0, 2.0])
     parser.add_argument("--work", type=Path, default=Path("work/orbit"))
     parser.add_argument("--detector", default="registered")
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     most = RunConfig.model_fields["detection_frames"].default
-    for seed in arguments.seeds:
-        clean = arguments.work / f"clean_{seed}"
-        leak = arguments.work / f"1px_1_{seed}"
-        limit_px = found(clean, leak, 0.0, arguments.detector, most)[1].detection_limit_px
+    for seed in options.seeds:
+        clean = options.work / f"clean_{seed}"
+        leak = options.work / f"1px_1_{seed}"
+        limit_px = found(clean, leak, 0.0, options.detector, most)[1].detection_limit_px
         if limit_px is None:
             print(f"{seed} | no limit stated")
             continue
         indices = Trajectory.load(clean / "run" / "trajectory.json").indices.tolist()
         strength_px = mean_strength_px(leak, indices)
-        for share in arguments.shares:
+        for share in options.shares:
             factor = share * limit_px / strength_px
-            seen, plume_map = found(clean, leak, factor, arguments.detector, most)
+            seen, plume_map = found(clean, leak, factor, options.detector, most)
             strongest = max((p.evidence_nats for p in plume_map.plumes), default=0.0)
             print(
                 f"{seed} | stated {limit_px:.2f} px | inserted {share * limit_px:.2f} px | "
                 f"{'found' if seen else 'missed'} | {strongest:.0f} nats",
                 flush=True,
             )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,9 +1,9 @@
 """The whole chain on random plants, with and without a leak, against the truth.
 
-    python benchmarks/orbit_scenes.py --work work/orbit
-    python benchmarks/orbit_scenes.py --seeds 1003 1004 --kinds leak
-    python benchmarks/orbit_scenes.py --seeds 1003 1004 --kinds pair    # two leaks 1 m apart
-    python benchmarks/orbit_scenes.py --seeds 1003 --nuisances people h264 --photos PHOTOS
+    python -m benchmarks.scenes orbit --work work/orbit
+    python -m benchmarks.scenes orbit --seeds 1003 1004 --kinds leak
+    python -m benchmarks.scenes orbit --seeds 1003 1004 --kinds pair    # two leaks 1 m apart
+    python -m benchmarks.scenes orbit --seeds 1003 --nuisances people h264 --photos PHOTOS
 
 Each scene is 60 frames of 640x480 on an arc of 60 degrees, filmed losslessly; poses come from
 structure from motion. Renderings are kept in the work folder and used again. `--nuisances` spoils
@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from detect.synthesis.raster import photos_in
@@ -131,8 +130,7 @@ def summary(leaks: list[Outcome], clean: list[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=("leak", "clean"))
     parser.add_argument("--gap", type=float, default=1.0, help="between the leaks of a pair, m")
@@ -142,24 +140,21 @@ def main() -> None:
     parser.add_argument("--photos", type=Path, help="for what moves")
     parser.add_argument("--resume", action="store_true", help="Keep the stages that stand.")
     parser.add_argument("--work", type=Path, default=Path("work/orbit"))
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
-    photos = photos_in(arguments.photos, "test") if arguments.photos else ()
-    amplitude_px, noise = arguments.amplitude, arguments.noise
+
+
+def main(options: argparse.Namespace) -> None:
+    photos = photos_in(options.photos, "test") if options.photos else ()
+    amplitude_px, noise = options.amplitude, options.noise
     outcomes: dict[bool, list[Outcome]] = {True: [], False: []}
-    for seed, kind, nuisance in product(arguments.seeds, arguments.kinds, arguments.nuisances):
+    for seed, kind, nuisance in product(options.seeds, options.kinds, options.nuisances):
         plume = kind != "clean"
         label = f"{amplitude_px:g}px_{noise:g}" if plume else "clean"
-        pair = f"pair{arguments.gap:g}m" if kind == "pair" else ""
-        folder = arguments.work / "_".join(filter(None, (label, pair, nuisance, str(seed))))
+        pair = f"pair{options.gap:g}m" if kind == "pair" else ""
+        folder = options.work / "_".join(filter(None, (label, pair, nuisance, str(seed))))
         scene = random_scene(seed, plume=plume, amplitude_px=amplitude_px, noise=noise)
         if pair:
-            scene = with_second(scene, arguments.gap)
+            scene = with_second(scene, options.gap)
         render(folder, scene, nuisance, photos)
-        outcomes[plume].append(run(folder, resume=arguments.resume))
+        outcomes[plume].append(run(folder, resume=options.resume))
         print(row(folder.name, outcomes[plume][-1]), flush=True)
     print(summary(outcomes[True], outcomes[False]))
-
-
-if __name__ == "__main__":
-    main()

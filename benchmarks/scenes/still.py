@@ -1,8 +1,8 @@
 """What a camera at rest takes for a plume: leaks, and bushes in the wind.
 
-    python benchmarks/still_camera.py --photos PHOTOS
-    python benchmarks/still_camera.py --photos PHOTOS --kinds wind --seeds 8100 8101
-    python benchmarks/still_camera.py --photos PHOTOS --kinds leak --seeds 8200 --plot still.jpg
+    python -m benchmarks.scenes still --photos PHOTOS
+    python -m benchmarks.scenes still --photos PHOTOS --kinds wind --seeds 8100 8101
+    python -m benchmarks.scenes still --photos PHOTOS --kinds leak --seeds 8200 --plot still.jpg
 
 Each recording is a random plant filmed from one place: 60 frames of 480x360 in 4 s, with a leak
 of 0.3 to 1 px, without one but with swaying bushes, or with neither. `--plot` draws the frame with
@@ -81,29 +81,25 @@ def picture(folder: Path) -> NDArray[np.uint8]:
     return np.hstack(panels)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--photos", type=Path, required=True, help="what the bushes are made of")
     parser.add_argument("--amplitude", type=float, help="of the leaks, px; another --work for it")
     parser.add_argument("--work", type=Path, default=Path("work/still"))
     parser.add_argument("--plot", type=Path, help="a picture of all recordings, one a row")
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
-    photos = photos_in(arguments.photos, "validation")
+
+
+def main(options: argparse.Namespace) -> None:
+    photos = photos_in(options.photos, "validation")
     pictures = []
-    for kind in arguments.kinds:
-        for seed in arguments.seeds:
-            folder = arguments.work / f"{kind}_{seed}"
-            scene = still_scene(seed, plume=kind == "leak", amplitude_px=arguments.amplitude)
+    for kind in options.kinds:
+        for seed in options.seeds:
+            folder = options.work / f"{kind}_{seed}"
+            scene = still_scene(seed, plume=kind == "leak", amplitude_px=options.amplitude)
             render(folder, scene, "wind" if kind == "wind" else "", photos)
             print(judged(folder), flush=True)
-            if arguments.plot:
+            if options.plot:
                 pictures.append(picture(folder))
-    if arguments.plot:
-        cv2.imwrite(str(arguments.plot), np.vstack(pictures))
-
-
-if __name__ == "__main__":
-    main()
+    if options.plot:
+        cv2.imwrite(str(options.plot), np.vstack(pictures))

@@ -1,7 +1,7 @@
 """What adapting to a background brings: the single-frame network before and after.
 
-    python benchmarks/adapt.py photos PHOTOS NETWORK.onnx [--runs RUNS] [--count 6] [--minutes 2]
-    python benchmarks/adapt.py pairs PAIRS NETWORK.onnx [--minutes 2]
+    python -m benchmarks.single_frame adapt photos PHOTOS NETWORK.onnx [--runs RUNS]
+    python -m benchmarks.single_frame adapt pairs PAIRS NETWORK.onnx [--minutes 2]
 
 `photos`: of each held-out photo (the test split), views of a camera at half the photo's size are
 made: 10 without a plume, which the network learns from, and 24 through plumes it has not seen
@@ -166,32 +166,28 @@ def compare(
         )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("kind", choices=["photos", "pairs"])
     parser.add_argument("folder", type=Path)
     parser.add_argument("network", type=Path)
     parser.add_argument("--runs", type=Path)
     parser.add_argument("--count", type=int, default=6)
     parser.add_argument("--minutes", type=float, default=2.0)
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
+
+
+def main(options: argparse.Namespace) -> None:
     print("AUROC / AP (prior)   r   error in plumes / of zero, px   llr > 2 in plume / still")
-    if arguments.kind == "pairs":
+    if options.kind == "pairs":
         for name, files in PAIRS.items():
-            reference, image = (read_grey(arguments.folder / name / file) for file in files)
+            reference, image = (read_grey(options.folder / name / file) for file in files)
             judged = [of_pair(reference, image)]
-            compare(name, [reference], judged, arguments.network, arguments.minutes)
+            compare(name, [reference], judged, options.network, options.minutes)
         return
-    photos = photos_in(arguments.folder, "test")
-    chosen = np.linspace(len(photos) - 1, 0, arguments.count).astype(int)
-    runs = runs_in(arguments.runs, "test") if arguments.runs else ()
+    photos = photos_in(options.folder, "test")
+    chosen = np.linspace(len(photos) - 1, 0, options.count).astype(int)
+    runs = runs_in(options.runs, "test") if options.runs else ()
     for k in chosen:
         seen = list(views(read_grey(photos[k]), int(k), runs))
         known = [sample.image for sample in seen[:KNOWN]]
         judged = [of_sample(sample) for sample in seen[KNOWN:]]
-        compare(photos[k].stem, known, judged, arguments.network, arguments.minutes)
-
-
-if __name__ == "__main__":
-    main()
+        compare(photos[k].stem, known, judged, options.network, options.minutes)

@@ -1,6 +1,6 @@
 """Fusion of flights alone, over many made-up campaigns: no video, no detector.
 
-    python benchmarks/survey_fusion.py --campaigns 200 --first 1000
+    python -m benchmarks.survey fusion --campaigns 200 --first 1000
 
 Eight flights over 80 m by 80 m with six sites at least 8 m apart. A column stands at a site with a
 probability of its own, 1 m (1 sigma) about it and 6 m downwind per unit of lean. A flight sees a
@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.survey.sightings import offset_of, sighting
 from geometry.arrays import BoolArray, FloatArray
-from geometry.georeference.constraints import point_jacobian
-from geometry.similarity import Similarity
 from locate.evaluation.plumes import pair_within_gate
-from locate.map.plume import Plume
 from locate.survey.associate import associate
 from locate.survey.frame import Offset, Seen
 from locate.survey.occurrence import hotspot_posterior
@@ -27,7 +25,6 @@ FLIGHTS, SITES, SIZE_M, APART_M = 8, 6, 80.0, 8.0
 OWN_M, WANDER_M, DRIFT_M, LEAN = 0.5, 1.0, 6.0, 0.2
 DETECTED, INVENTED = 0.8, 0.2
 OFFSET_SIGMAS = np.array([0.0035, 0.0035, 0.0035, 2.0, 2.0, 4.0, 0.002])
-STILL = Similarity(scale=1.0, rotation=np.eye(3), translation=np.zeros(3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +40,14 @@ class Drawn:
     site_of: FloatArray
 
 
-def main(campaigns: int, first: int) -> None:
-    results = [judge(draw(np.random.default_rng(first + i))) for i in range(campaigns)]
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--campaigns", type=int, default=200)
+    parser.add_argument("--first", type=int, default=1000, help="seed of the first campaign")
+
+
+def main(options: argparse.Namespace) -> None:
+    campaigns, first = options.campaigns, options.first
+    results = [scores(draw(np.random.default_rng(first + i))) for i in range(campaigns)]
     total = {key: np.concatenate([result[key] for result in results]) for key in results[0]}
     print(f"{campaigns} campaigns, {FLIGHTS} flights, {SITES} sites")
     print(f"sites where a column was seen  {total['found'].size}")
@@ -74,22 +77,16 @@ def draw(rng: np.random.Generator) -> Drawn:
     leans -= leans.mean(axis=0)
     offsets, seen, site_of = [], [], []
     for flight in range(FLIGHTS):
-        offsets.append(
-            Offset(
-                flight=str(flight),
-                survey_from_flight=STILL,
-                covariance=np.diag(OFFSET_SIGMAS**2),
-            )
-        )
+        offsets.append(offset_of(flight, OFFSET_SIGMAS))
         off = OFFSET_SIGMAS * rng.normal(size=7)
         for k in np.flatnonzero(stood[flight] & (rng.uniform(size=SITES) < DETECTED)):
             foot = sites[k].copy()
             foot[:2] += rng.normal(0, WANDER_M, 2) + DRIFT_M * leans[flight]
-            seen.append(_sighting(flight, foot, off, rng))
+            seen.append(sighting(flight, foot, off, OWN_M, rng))
             site_of.append(k)
         for _ in range(rng.poisson(INVENTED)):
             place = np.append(rng.uniform(-SIZE_M / 2, SIZE_M / 2, 2), 0.0)
-            seen.append(_sighting(flight, place, off, rng))
+            seen.append(sighting(flight, place, off, OWN_M, rng))
             site_of.append(-1)
     return Drawn(
         sites=sites, chance=chance, stood=stood, leans=leans, offsets=offsets, seen=seen,
@@ -97,23 +94,7 @@ def draw(rng: np.random.Generator) -> Drawn:
     )  # fmt: skip
 
 
-def _sighting(flight: int, foot: FloatArray, off: FloatArray, rng: np.random.Generator) -> Seen:
-    moved = foot + point_jacobian(foot[None])[0] @ off + rng.normal(0, OWN_M, 3)
-    return Seen(
-        flight=flight, plume=_plume(moved), position=moved, own=OWN_M**2 * np.eye(3),
-        by_offset=point_jacobian(moved[None])[0], axis=np.array([0.0, 0.0, 1.0]),
-    )  # fmt: skip
-
-
-def _plume(source: FloatArray) -> Plume:
-    return Plume(
-        id=1, source=source, source_covariance=np.eye(3), axis=np.array([0.0, 0.0, 1.0]),
-        axis_sigma_rad=0.02, extent_low=0.0, extent_high=10.0, radius_by_height=np.zeros((0, 2)),
-        evidence_nats=30.0, probability=0.99, views=(), displacement_px=0.5,
-    )  # fmt: skip
-
-
-def judge(drawn: Drawn) -> dict[str, FloatArray]:
+def scores(drawn: Drawn) -> dict[str, FloatArray]:
     fused = associate(drawn.seen, drawn.offsets, drawn.leans, wander_m=WANDER_M, area_m2=SIZE_M**2)
     solved, counts = fused.solved, np.bincount(fused.hotspot_of)
     visible = np.unique(drawn.site_of[drawn.site_of >= 0]).astype(int)
@@ -147,11 +128,3 @@ def judge(drawn: Drawn) -> dict[str, FloatArray]:
             for (_, low, high), true in zip(answers, chance, strict=True)
         ]),
     }  # fmt: skip
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--campaigns", type=int, default=200)
-    parser.add_argument("--first", type=int, default=1000)
-    arguments = parser.parse_args()
-    main(arguments.campaigns, arguments.first)

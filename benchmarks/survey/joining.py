@@ -1,41 +1,62 @@
 """What joining the flights of a survey costs: CPU s and memory against the number of flights.
 
-``python -m benchmarks.scaling_fusion [FLIGHTS...]``: each flight sees 4 of 20 hotspots.
+    python -m benchmarks.survey joining 10 25 50 100 200
+
+Each flight sees 4 of 20 hotspots.
 """
 
-import resource
-import sys
+import argparse
 import time
 
 import numpy as np
 
+from benchmarks.common.cost import peak_mib
+from benchmarks.survey.sightings import offset_of, sighting
+from geometry.arrays import FloatArray
 from locate.survey.associate import associate
-from tests.locate.test_survey_fusion import WANDER_M, flown, offset
+from locate.survey.frame import Seen
 
-AREA_M = 400.0
+AREA_M, HOTSPOTS, SEEN = 400.0, 20, 4
+OWN_M, WANDER_M, DRIFT_M, LEAN = 0.3, 0.5, 4.0, 0.1
+OFFSET_SIGMAS = np.array([0.002, 0.002, 0.004, 1.0, 1.0, 2.0, 0.002])
 
 
-def main() -> None:
-    print("flights | sightings | CPU s | hotspots of 20 | peak MiB of the process")
-    for flights in map(int, sys.argv[1:] or ("25", "50", "100", "200")):
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("flights", type=int, nargs="*", default=[25, 50, 100, 200])
+
+
+def main(options: argparse.Namespace) -> None:
+    print(f"flights | sightings | CPU s | hotspots of {HOTSPOTS} | peak MiB of the process")
+    for flights in options.flights:
         rng = np.random.default_rng(flights)
-        sites = np.c_[rng.uniform(0, AREA_M, (20, 2)), np.zeros(20)]
-        leans = rng.normal(0, 0.1, (flights, 2))
-        seen, _ = flown(sites, leans, 4.0, rng)
-        kept = [i for f in range(flights) for i in 20 * f + rng.permutation(20)[:4]]
+        sites = np.c_[rng.uniform(0, AREA_M, (HOTSPOTS, 2)), np.zeros(HOTSPOTS)]
+        leans = rng.normal(0, LEAN, (flights, 2))
+        seen = flown(sites, leans, rng)
+        kept = [
+            HOTSPOTS * flight + site
+            for flight in range(flights)
+            for site in rng.permutation(HOTSPOTS)[:SEEN]
+        ]
         start = time.process_time()
         fused = associate(
             [seen[i] for i in kept],
-            [offset(f) for f in range(flights)],
+            [offset_of(flight, OFFSET_SIGMAS) for flight in range(flights)],
             leans,
             wander_m=WANDER_M,
             area_m2=AREA_M**2,
         )
         spent = time.process_time() - start
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         found = len(np.unique(fused.hotspot_of))
-        print(f"{flights} | {len(kept)} | {spent:.1f} | {found} | {peak:.0f}", flush=True)
+        print(f"{flights} | {len(kept)} | {spent:.1f} | {found} | {peak_mib():.0f}", flush=True)
 
 
-if __name__ == "__main__":
-    main()
+def flown(sites: FloatArray, leans: FloatArray, rng: np.random.Generator) -> list[Seen]:
+    """Every site as every flight sees it."""
+    seen = []
+    for flight, lean in enumerate(leans):
+        offset = OFFSET_SIGMAS * rng.normal(size=7)
+        for site in sites:
+            foot = site.copy()
+            foot[:2] += rng.normal(0, WANDER_M, 2) + DRIFT_M * lean
+            seen.append(sighting(flight, foot, offset, OWN_M, rng))
+    return seen

@@ -1,15 +1,17 @@
 """What the flights of a survey cost: by one process, by two, and by two of which one is killed.
 
-``python -m benchmarks.scaling CAMPAIGN OUT one|two|killed [FLIGHTS]`` does the first FLIGHTS videos
-of a folder of ``locate simulate`` so; ``python -m benchmarks.scaling OUT`` prints what was done.
+    python -m benchmarks.survey workers OUT CAMPAIGN one --flights 8     # or two, or killed
+    python -m benchmarks.survey workers OUT
+
+The first does the first videos of CAMPAIGN, a folder of `locate simulate`; both print what is done.
 Wall times say something on a machine that does nothing else.
 """
 
+import argparse
 import json
 import os
 import resource
 import signal
-import sys
 import threading
 import time
 from collections import defaultdict
@@ -57,14 +59,24 @@ class Measured(Fly):
             file.write(json.dumps(line) + "\n")
 
 
-def main() -> None:
-    if len(sys.argv) == 2:
-        show(Path(sys.argv[1]))
-        return
-    campaign, out, mode = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
-    videos = sorted((campaign / "videos").glob("*.mkv"))
-    videos = videos[: int(sys.argv[4]) if len(sys.argv) > 4 else 8]
-    folder = (out / mode).resolve()
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("out", type=Path)
+    parser.add_argument("campaign", type=Path, nargs="?")
+    parser.add_argument("mode", choices=WORKERS, nargs="?", default="one")
+    parser.add_argument("--flights", type=int, default=8)
+
+
+def main(options: argparse.Namespace) -> None:
+    if options.campaign is not None:
+        fly(options)
+    show(options.out)
+
+
+def fly(options: argparse.Namespace) -> None:
+    """The flights of a campaign, in the processes of a mode."""
+    campaign, mode = options.campaign, options.mode
+    videos = sorted((campaign / "videos").glob("*.mkv"))[: options.flights]
+    folder = (options.out / mode).resolve()
     folder.mkdir(parents=True)
     given = [
         Given(name=video.stem, source=video.resolve(), folder=folder / video.stem)
@@ -83,7 +95,6 @@ def main() -> None:
         "failed": {flight.name: flight.failure for flight in flights if flight.failure},
     }
     (folder / "about.json").write_text(json.dumps(about))
-    show(out)
 
 
 def kill_one(notes: Path) -> None:
@@ -148,7 +159,3 @@ def stages(runs: list[Path]) -> None:
     total = sum(spent.values())
     parts = ", ".join(f"{name} {cpu_s / len(runs):.1f}" for name, cpu_s in spent.items())
     print(f"  CPU s a flight: {parts}; {total / frames:.2f} a frame of {frames}")
-
-
-if __name__ == "__main__":
-    main()

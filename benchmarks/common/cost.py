@@ -1,0 +1,35 @@
+"""CPU time and memory of what is measured."""
+
+import resource
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from geometry.arrays import FloatArray
+
+
+def cpu_seconds(work: Callable[[], object], times: int = 1) -> FloatArray:
+    """(times,) CPU s of this process for each call."""
+    spent = []
+    for _ in range(times):
+        start = time.process_time()
+        work()
+        spent.append(time.process_time() - start)
+    return np.array(spent)
+
+
+def peak_mib() -> float:
+    """The most memory that this process has held so far, MiB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def children_cpu_s() -> float:
+    """CPU s of the processes that this one started and that have ended."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def children_peak_mib() -> float:
+    """The most memory that one of them has held, MiB."""
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024

@@ -1,0 +1,174 @@
+"""A scene of planes with one column of warm air in it: exact evidence without any image."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray
+from geometry.camera import Camera
+from geometry.trajectory import Trajectory
+from locate.fusion.views import Views, correlation_area
+
+RANGE_M = 8.5
+WALL_M = 6.0
+MOST_BENT_PX, BENT_AT_RADII = 1.0, 0.45
+SIGMA_PX = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corruption:
+    """What goes wrong between a true mask and what a detector says."""
+
+    flipped_pixels: float = 0.10
+    missed_views: float = 0.30
+    false_blobs: float = 0.20
+    position_sigma_m: float = 0.01
+    rotation_sigma_deg: float = 0.1
+
+
+NONE = Corruption(
+    flipped_pixels=0, missed_views=0, false_blobs=0, position_sigma_m=0, rotation_sigma_deg=0
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """A slanted, widening column that rises from `source`."""
+
+    source: FloatArray
+    slope: FloatArray
+    height: float
+    radius: float
+    opening: float
+
+    @property
+    def axis(self) -> FloatArray:
+        """(3,) unit vector of the rise."""
+        direction = np.array([*self.slope, 1.0])
+        return np.asarray(direction / np.linalg.norm(direction))
+
+
+def random_truth(rng: np.random.Generator) -> Truth:
+    """A column somewhere near the origin."""
+    return Truth(
+        source=np.array([*rng.uniform(-1, 1, 2), 0.0]),
+        slope=rng.uniform(-0.15, 0.15, 2),
+        height=rng.uniform(1.8, 3.0),
+        radius=rng.uniform(0.1, 0.18),
+        opening=rng.uniform(0.06, 0.14),
+    )
+
+
+def orbit(views: int, arc_deg: float, *, height_m: float = 2.0) -> Trajectory:
+    """Cameras on an arc about the origin, looking at a point 1.2 m above it."""
+    angles = np.deg2rad(np.linspace(-arc_deg / 2, arc_deg / 2, views))
+    centers = np.stack(
+        [RANGE_M * np.sin(angles), -RANGE_M * np.cos(angles), np.full(views, height_m)], axis=1
+    )
+    forward = np.array([0, 0, 1.2]) - centers
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    rotations = np.stack([right, np.cross(forward, right), forward], axis=1)
+    return Trajectory(
+        camera=Camera.pinhole(320, 240, 280.0),
+        indices=np.arange(views),
+        times_s=np.arange(views) / 5.0,
+        rotations=rotations,
+        translations=-np.einsum("nij,nj->ni", rotations, centers),
+        metric=True,
+        gravity=True,
+    )
+
+
+def _inverse_depth(trajectory: Trajectory, i: int) -> FloatArray:
+    """Of the ground (z = 0) and a wall (y = WALL_M) behind the column."""
+    camera = trajectory.camera
+    rays = camera.rays(camera.pixel_grid())
+    rays_in_world = rays @ trajectory.rotations[i]
+    center = trajectory.centers_in_world[i]
+    with np.errstate(divide="ignore"):
+        ground = np.where(rays_in_world[..., 2] < 0, -center[2] / rays_in_world[..., 2], np.inf)
+        wall = (WALL_M - center[1]) / rays_in_world[..., 1]
+    return 1 / (np.minimum(ground, np.where(wall > 0, wall, np.inf)) * rays[..., 2])
+
+
+def _bent(trajectory: Trajectory, i: int, truth: Truth, rng: np.random.Generator) -> FloatArray:
+    """(H, W) displacement along x, px, by the column, which meanders anew in each view; 0 outside.
+
+    Light is bent away from the axis, as the middle of a column of Gaussian profile does it.
+    """
+    heights = np.linspace(0, truth.height, 60)
+    points = truth.source + heights[:, None] * np.array([*truth.slope, 1.0])
+    radius = truth.radius + truth.opening * heights
+    phase, length = rng.uniform(0, 2 * np.pi), rng.uniform(1.0, 2.5)
+    sway = 0.35 * radius * np.sin(2 * np.pi * heights / length + phase) * heights / truth.height
+    points += sway[:, None] * trajectory.rotations[i][0]
+    pixels = trajectory.project(i, points)
+    depth = trajectory.world_to_cam(i, points)[:, 2]
+    mask = np.zeros((trajectory.camera.height, trajectory.camera.width), np.uint8)
+    half_px = trajectory.camera.focal_px * radius / depth
+    left = pixels - np.stack([half_px, 0 * half_px], axis=1)
+    right = 2 * pixels - left
+    outline = np.concatenate([left, right[::-1]])
+    cv2.fillPoly(mask, [np.rint(outline * 16).astype(np.int32)], 1, shift=4)
+    upwards = np.argsort(pixels[:, 1])
+    rows = np.arange(len(mask))
+    middle, half = (
+        np.interp(rows, pixels[upwards, 1], along[upwards])[:, None]
+        for along in (pixels[:, 0], half_px)
+    )
+    from_axis = (np.arange(mask.shape[1]) - middle) / (BENT_AT_RADII * half)
+    return np.asarray(mask * MOST_BENT_PX * from_axis * np.exp(0.5 - from_axis**2 / 2))
+
+
+def corrupted_views(
+    truth: Truth | None,
+    trajectory: Trajectory,
+    rng: np.random.Generator,
+    corruption: Corruption = Corruption(),
+) -> Views:
+    """What a detector with these faults would say, and poses with these errors."""
+    shape = (trajectory.camera.height, trajectory.camera.width)
+    maps = []
+    displacement = np.zeros((len(trajectory), *shape, 2), np.float32)
+    for i in range(len(trajectory)):
+        if truth is not None and rng.random() >= corruption.missed_views:
+            displacement[i, ..., 0] = _bent(trajectory, i, truth, rng)
+        mask = displacement[i, ..., 0] != 0
+        if rng.random() < corruption.false_blobs:
+            blob = np.zeros(shape, np.uint8)
+            center = rng.integers([0, 0], shape[::-1])
+            axes = rng.integers(6, 25, 2)
+            cv2.ellipse(blob, center.tolist(), axes.tolist(), rng.uniform(0, 180), 0, 360, 1, -1)
+            mask |= blob.astype(bool)
+        mask ^= rng.random(shape) < corruption.flipped_pixels
+        maps.append(np.where(mask, 2.0, -0.5).astype(np.float32))
+    inverse_depth = [_inverse_depth(trajectory, i) for i in range(len(trajectory))]
+    llr = np.stack(maps)
+    return Views(
+        trajectory=_shaken(trajectory, rng, corruption),
+        llr=llr,
+        inverse_depth=np.stack(inverse_depth).astype(np.float32),
+        displacement=displacement,
+        sigma_px=np.full_like(llr, SIGMA_PX),
+        correlation_px2=correlation_area(llr),
+    )
+
+
+def _shaken(trajectory: Trajectory, rng: np.random.Generator, corruption: Corruption) -> Trajectory:
+    n = len(trajectory)
+    turn = np.deg2rad(corruption.rotation_sigma_deg)
+    rotations = (
+        np.array([cv2.Rodrigues(rng.normal(0, turn + 1e-12, 3))[0] for _ in range(n)])
+        @ trajectory.rotations
+    )
+    centers = trajectory.centers_in_world + rng.normal(0, corruption.position_sigma_m, (n, 3))
+    variances = np.repeat([turn**2, corruption.position_sigma_m**2], 3) + 1e-12
+    return replace(
+        trajectory,
+        rotations=rotations,
+        translations=-np.einsum("nij,nj->ni", rotations, centers),
+        covariances=np.tile(np.diag(variances), (n, 1, 1)),
+    )

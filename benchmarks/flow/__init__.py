@@ -1,0 +1,1 @@
+"""Flow methods between a reference and a frame: simulated pairs, and real ones."""

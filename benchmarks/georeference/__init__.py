@@ -1,0 +1,1 @@
+"""Scale, rotation and place of flights: the fit alone, and after structure from motion."""

@@ -1,0 +1,1 @@
+"""What single-frame detectors see, and what adapting to a background brings."""

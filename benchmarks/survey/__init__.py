@@ -1,0 +1,1 @@
+"""Flights joined into a survey: accuracy, and what joining and flying cost."""
