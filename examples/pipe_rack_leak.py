@@ -1,4 +1,4 @@
-"""A leak on a pipe rack, from the scene file to the map, and the map held against the truth.
+"""A leak on a pipe rack, from the scene file to the map, and the map compared with the truth.
 
     python examples/pipe_rack_leak.py            # 60 frames: a few minutes on two cores
     python examples/pipe_rack_leak.py --frames 24
@@ -11,13 +11,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from geometry.trajectory import Trajectory
-from locate.evaluation import Evaluation, evaluate
+import locate
+from locate.evaluation import Evaluation
 from locate.evaluation.table import evaluation_table
 from locate.export.table import map_table
 from locate.journal.progress import progress_bars
-from locate.pipeline.config import RunConfig
-from locate.pipeline.run import Run
 from locate.simulation import Scene, simulate
 
 SCENE = Path(__file__).parent / "scenes" / "pipe_rack_leak.yaml"
@@ -37,16 +35,14 @@ def main(output: Path, frames: int) -> Evaluation:
 
         # 2. Run it, knowing nothing but the video: structure from motion finds the cameras, the
         #    registered detector what bends the light, fusion where in space that is.
-        run = Run(RunConfig(recording=recording / "video.mkv"), output / "run", report=report)
-        plume_map = run.run()
+        plume_map = locate.run(recording / "video.mkv", output / "run", report=report)
 
     # 3. Read the answer. Without GPS or a known length the scale is free: "scene units".
     console.print(map_table(plume_map))
 
-    # 4. Hold it against the truth. The evaluation fits the free scale by the cameras' positions;
+    # 4. Compare it with the truth. The evaluation fits the free scale by the cameras' positions;
     #    NEES is the squared error in units of the stated covariance, 3 on average if that is right.
-    trajectory = Trajectory.load(output / "run" / "trajectory.json")
-    evaluation = evaluate(plume_map, trajectory, recording, output / "run" / "detections")
+    evaluation = locate.evaluate(output / "run", recording)
     console.print(evaluation_table(evaluation))
     console.print(f"Look at {output / 'run' / 'report.html'}", soft_wrap=True)
     return evaluation

@@ -21,7 +21,7 @@ from scipy import ndimage
 from detect.registry import make_detector
 from geometry.arrays import FloatMap, GreyImage
 from geometry.trajectory import Trajectory
-from locate.evaluation import evaluate
+from locate.evaluation import evaluate_map
 from locate.journal.progress import silent
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
@@ -90,7 +90,7 @@ def found(
         measure_frames(inserted, detector, folder / "detections", most=most, report=silent)
         plume_map = decide(folder / "detections", inserted, folder / "evidence.npz", seed=0)
     assert source.trajectory is not None
-    evaluation = evaluate(plume_map, source.trajectory, leak, None)
+    evaluation = evaluate_map(plume_map, source.trajectory, leak, None)
     return bool(evaluation.plumes), plume_map
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
 from geometry.trajectory import Trajectory
-from locate.evaluation import Evaluation, evaluate
+from locate.evaluation import Evaluation, evaluate_map
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
@@ -88,7 +88,7 @@ def run(folder: Path, *, resume: bool) -> Outcome:
         return Outcome(evaluation=None, plume_map=None, cpu_s=cpu_s, failure=str(error))
     cpu_s = time.process_time() - started
     trajectory = Trajectory.load(output / "trajectory.json")
-    evaluation = evaluate(plume_map, trajectory, folder, output / "detections")
+    evaluation = evaluate_map(plume_map, trajectory, folder, output / "detections")
     return Outcome(evaluation=evaluation, plume_map=plume_map, cpu_s=cpu_s)
 
 

@@ -20,7 +20,7 @@ from benchmarks.scenes.orbit import render
 from detect.fluctuation import Fluctuation
 from detect.synthesis.raster import photos_in
 from geometry.arrays import GreyImage
-from locate.evaluation import evaluate
+from locate.evaluation import evaluate_map
 from locate.evaluation.truth import SceneTruth
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
@@ -55,7 +55,7 @@ def small(image: GreyImage) -> GreyImage:
 
 def judged(folder: Path) -> str:
     plume_map = Run(RunConfig(recording=folder / "video.mkv"), folder / "run").run()
-    verdict = evaluate(plume_map, None, folder)
+    verdict = evaluate_map(plume_map, None, folder)
     nats = ", ".join(f"{bearing.evidence_nats:.0f}" for bearing in plume_map.bearings)
     true = "; ".join(f"{b.error_deg:.1f} deg, {b.sigmas:.1f} sigma" for b in verdict.bearings)
     left_out = [note for note in plume_map.notes if "to and fro" in note]

@@ -19,19 +19,10 @@ def evaluate(
     if (output / "survey.json").exists():
         _evaluate_survey(output, truth, as_json=as_json)
         return
-    from geometry.trajectory import Trajectory
-    from locate.evaluation import evaluate as compare
+    from locate.evaluation.api import evaluate as evaluate_run
     from locate.evaluation.table import evaluation_table
-    from locate.map.plume import PlumeMap
-    from locate.pipeline.files import RunFiles
 
-    files = RunFiles(output)
-    evaluation = compare(
-        PlumeMap.load(files.map),
-        Trajectory.load(files.trajectory) if files.trajectory.exists() else None,
-        truth,
-        files.detections,
-    )
+    evaluation = evaluate_run(output, truth)
     if as_json:
         typer.echo(json.dumps(evaluation.to_dict(), indent=1))
     else:

@@ -1,4 +1,4 @@
-"""The verdict: errors of plumes, cameras and frames."""
+"""Errors of plumes, cameras and frames."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -57,7 +57,7 @@ class Evaluation:
         return verdict
 
 
-def evaluate(
+def evaluate_map(
     plume_map: PlumeMap,
     trajectory: Trajectory | None,
     truth_dir: Path,

@@ -38,6 +38,12 @@ class Plume:
         refractive_index: Of what it is made of, against the air around it: ``"lower"`` where it
             bends light away from its axis (hot air, hydrogen, helium), ``"higher"`` where towards
             it (cold air, methane, propane, carbon dioxide); None where the views do not agree.
+
+    Example:
+        >>> import locate
+        >>> for plume in locate.load_map("out").plumes:
+        ...     assert plume.source.shape == (3,)
+        ...     assert plume.source_covariance.shape == (3, 3)
     """
 
     id: int
@@ -85,6 +91,11 @@ class Bearing:
         probability: Likewise, for the frame in place of the volume: against chance, not against
             what moves by itself, such as leaves.
         displacement_px: Mean displacement it causes.
+
+    Example:
+        >>> import locate
+        >>> for bearing in locate.load_map("out").bearings:
+        ...     right, down, forward = bearing.direction_in_cam
     """
 
     direction_in_cam: FloatArray
@@ -111,6 +122,13 @@ class PlumeMap:
         notes: What a reader must know, one sentence each.
         detector: Name of the detector.
         version: Version of this program.
+
+    Example:
+        >>> import locate
+        >>> plume_map = locate.load_map("out")
+        >>> plume_map.save("copy.json")
+        >>> locate.load_map("copy.json").to_dict() == plume_map.to_dict()
+        True
     """
 
     units: Literal["m", "scene"]
@@ -158,13 +176,13 @@ class PlumeMap:
         bearings = tuple(Bearing(**bearing) for bearing in fields.pop("bearings"))
         return cls(**fields, plumes=plumes, bearings=bearings)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Writes map.json.
 
         Raises:
             ValueError: A number is not finite.
         """
-        path.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False))
+        Path(path).write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False))
 
     @classmethod
     def load(cls, path: Path) -> Self:

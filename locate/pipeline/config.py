@@ -1,4 +1,4 @@
-"""What a run can be told."""
+"""The settings of a run."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -32,6 +32,12 @@ class RunConfig(BaseModel):
         max_side: Frames larger than this (px) are shrunk to it.
         detection_frames: In how many of them refraction is measured.
         seed: Of every random choice.
+
+    Example:
+        >>> import locate
+        >>> config = locate.RunConfig(recording="video.mp4", focal_px=1450, max_frames=60)
+        >>> config.detector
+        'auto'
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

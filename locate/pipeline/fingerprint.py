@@ -12,6 +12,8 @@ EDGE_BYTES = 1 << 20
 """How much of each end of a file is read."""
 PACKAGES = ("geometry", "detect", "locate")
 IMPORTS = re.compile(r"^[ \t]*from ([\w.]+) import (\([^)]*\)|[^\n]*)|^[ \t]*import ([\w.]+)", re.M)
+TYPES_ONLY = re.compile(r"^if TYPE_CHECKING:\n(?:[ \t]+[^\n]*\n|\n)*", re.M)
+"""A block of imports that only a type checker follows."""
 
 
 def digest(content: bytes) -> str:
@@ -63,7 +65,8 @@ def imported_modules(module: str) -> frozenset[str]:
             continue
         found.add(name)
         waiting.append(name.rpartition(".")[0])
-        for package, names, plain in IMPORTS.findall(source_of(name).decode()):
+        source = TYPES_ONLY.sub("", source_of(name).decode())
+        for package, names, plain in IMPORTS.findall(source):
             waiting.append(package or plain)
             waiting += [f"{package}.{each}" for each in re.findall(r"\w+", names)]
     return frozenset(found)

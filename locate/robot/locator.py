@@ -46,6 +46,16 @@ class Locator:
         detector: Of your own, which one thread uses; None takes ``registered``, see
             `detect.registry`, with the settings' neighbours, in as many processes as they say.
         threaded: False looks at frames inside `feed`, and drops none: for recordings.
+
+    Example:
+        >>> import locate
+        >>> import numpy as np
+        >>> from geometry.camera import Camera
+        >>> camera = Camera.pinhole(64, 48, focal_px=60.0)
+        >>> with locate.Locator(camera, threaded=False) as locator:
+        ...     news = locator.feed(np.zeros((48, 64), np.uint8), np.eye(4), None, stamp_ns=0)
+        >>> news
+        []
     """
 
     def __init__(

@@ -13,7 +13,7 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.evaluation import evaluate
+from locate.evaluation import evaluate_map
 from locate.evaluation.alignment import align_trajectories
 from locate.evaluation.plumes import pair_within_gate
 from locate.evaluation.table import evaluation_table
@@ -59,7 +59,7 @@ def save_detection(folder: Path, index: int, displacement: FloatMap, llr: np.nda
 
 def test_a_perfect_map_has_no_error(tmp_path: Path) -> None:
     found = plume(axis=np.array([0.0, 0.0, 1.0]))
-    verdict = evaluate(plume_map(found), orbit(metric=True), truth_folder(tmp_path, SOURCE))
+    verdict = evaluate_map(plume_map(found), orbit(metric=True), truth_folder(tmp_path, SOURCE))
     (error,) = verdict.plumes
     assert error.error == pytest.approx(0, abs=1e-9)
     assert error.nees == pytest.approx(0, abs=1e-9)
@@ -76,7 +76,9 @@ def test_errors_and_covariance_go_through_the_similarity(tmp_path: Path) -> None
         axis=MAP_FROM_TRUTH.rotation @ true.axis,
     )
     trajectory = orbit().transformed(MAP_FROM_TRUTH)
-    verdict = evaluate(plume_map(mapped, units="scene"), trajectory, truth_folder(tmp_path, SOURCE))
+    verdict = evaluate_map(
+        plume_map(mapped, units="scene"), trajectory, truth_folder(tmp_path, SOURCE)
+    )
     (error,) = verdict.plumes
     assert verdict.alignment is not None
     assert verdict.alignment.truth_from_map.scale == pytest.approx(2.5)
@@ -90,7 +92,9 @@ def test_errors_and_covariance_go_through_the_similarity(tmp_path: Path) -> None
 def test_a_metric_map_of_the_wrong_size_is_not_forgiven(tmp_path: Path) -> None:
     small = Similarity(scale=0.9, rotation=np.eye(3), translation=np.zeros(3))
     trajectory = orbit(metric=True).transformed(small)
-    verdict = evaluate(plume_map(plume(small(SOURCE))), trajectory, truth_folder(tmp_path, SOURCE))
+    verdict = evaluate_map(
+        plume_map(plume(small(SOURCE))), trajectory, truth_folder(tmp_path, SOURCE)
+    )
     assert verdict.alignment is not None
     assert verdict.alignment.truth_from_map.scale == 1.0
     assert verdict.alignment.position_rmse > 0.2
@@ -127,14 +131,14 @@ def test_misses_and_false_plumes_are_counted(tmp_path: Path) -> None:
     far = np.array([0.0, 3.0, 0.0])
     folder = truth_folder(tmp_path, SOURCE, far)
     answer = plume_map(plume(SOURCE + 0.1), plume(SOURCE + 0.2, id=2), plume(-far, id=3))
-    verdict = evaluate(answer, orbit(metric=True), folder)
+    verdict = evaluate_map(answer, orbit(metric=True), folder)
     assert [(error.truth, error.plume) for error in verdict.plumes] == [(0, 1)]
     assert verdict.misses == (1,)
     assert verdict.false_plumes == (2, 3)
 
 
 def test_no_plume_and_none_found_is_all_right(tmp_path: Path) -> None:
-    verdict = evaluate(plume_map(), orbit(metric=True), truth_folder(tmp_path))
+    verdict = evaluate_map(plume_map(), orbit(metric=True), truth_folder(tmp_path))
     assert verdict.plumes == verdict.misses == verdict.false_plumes == ()
 
 
@@ -148,7 +152,7 @@ def test_frame_scores_tell_good_evidence_from_none(tmp_path: Path) -> None:
     for index, sign in ((0, 1.0), (2, 0.0), (4, -1.0)):
         displacement, mask = frame_truth(folder, index)
         save_detection(detections, index, 0.5 * displacement, sign * (2.0 * mask - 0.5))
-    verdict = evaluate(plume_map(), orbit(metric=True), folder, detections)
+    verdict = evaluate_map(plume_map(), orbit(metric=True), folder, detections)
     assert [frame.index for frame in verdict.frames] == [0, 2, 4]
     assert [frame.auroc for frame in verdict.frames] == [1.0, 0.5, 0.0]
     assert verdict.frames[0].epe_px == pytest.approx(0.5)
@@ -161,7 +165,7 @@ def test_a_detection_of_another_size_is_resized_and_said(tmp_path: Path) -> None
     folder, detections = truth_folder(tmp_path, SOURCE), tmp_path / "detections"
     displacement, mask = frame_truth(folder, 0)
     save_detection(detections, 0, 0.5 * displacement[::2, ::2], mask[::2, ::2])
-    verdict = evaluate(plume_map(), orbit(metric=True), folder, detections)
+    verdict = evaluate_map(plume_map(), orbit(metric=True), folder, detections)
     assert verdict.notes == ("detections of 32 x 24 px were resized to the truth's 64 x 48 px",)
     assert verdict.frames[0].auroc > 0.95
     assert verdict.frames[0].epe_px < 0.15
@@ -173,7 +177,7 @@ def test_a_frame_without_plume_has_no_auroc_and_json_says_null(tmp_path: Path) -
     zeros = np.zeros((48, 64, 2), dtype=np.float32)
     np.savez(folder / "truth" / "000000.npz", displacement=zeros, mask=zeros[..., 0] > 0)
     save_detection(detections, 0, zeros, zeros[..., 0])
-    content = evaluate(plume_map(), orbit(metric=True), folder, detections).to_dict()
+    content = evaluate_map(plume_map(), orbit(metric=True), folder, detections).to_dict()
     assert content["frames"][0]["auroc"] is None
     json.dumps(content, allow_nan=False)
 
@@ -191,14 +195,14 @@ def test_a_bearing_is_held_against_the_true_direction(tmp_path: Path) -> None:
         displacement_px=0.4,
     )
     folder = truth_folder(tmp_path, SOURCE, trajectory=still)
-    verdict = evaluate(plume_map(bearings=(bearing,)), None, folder)
+    verdict = evaluate_map(plume_map(bearings=(bearing,)), None, folder)
     assert verdict.bearings[0].sigmas == pytest.approx(2.0, rel=0.01)
     assert verdict.misses == ()
 
 
 def test_the_table_shows_the_error(tmp_path: Path) -> None:
     folder = truth_folder(tmp_path, SOURCE)
-    verdict = evaluate(
+    verdict = evaluate_map(
         plume_map(plume(SOURCE + np.array([0.1, 0.0, 0.0]))), orbit(metric=True), folder
     )
     text = StringIO()
@@ -210,7 +214,7 @@ def test_the_table_shows_the_error(tmp_path: Path) -> None:
 
 def test_the_table_has_the_unit_of_the_truth(tmp_path: Path) -> None:
     folder = truth_folder(tmp_path, SOURCE, trajectory=orbit(metric=False))
-    verdict = evaluate(plume_map(plume(), units="scene"), orbit(), folder)
+    verdict = evaluate_map(plume_map(plume(), units="scene"), orbit(), folder)
     assert verdict.to_dict()["units"] == "scene"
     text = StringIO()
     Console(file=text, width=100).print(evaluation_table(verdict))
@@ -227,12 +231,12 @@ def test_a_wrong_truth_is_bad_input(tmp_path: Path, change: dict[str, Any], mess
     path = truth_folder(tmp_path, SOURCE) / "truth.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(BadInputError, match=message):
-        evaluate(plume_map(), orbit(metric=True), tmp_path)
+        evaluate_map(plume_map(), orbit(metric=True), tmp_path)
 
 
 def test_a_missing_truth_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=r"truth\.json"):
-        evaluate(plume_map(), orbit(), tmp_path)
+        evaluate_map(plume_map(), orbit(), tmp_path)
 
 
 def broken(path: Path, how: str) -> None:
@@ -257,7 +261,7 @@ def test_a_broken_frame_is_named(tmp_path: Path, place: str, how: str) -> None:
     path = tmp_path / place / "000000.npz"
     broken(path, how)
     with pytest.raises(BadInputError) as error:
-        evaluate(plume_map(), orbit(metric=True), folder, detections)
+        evaluate_map(plume_map(), orbit(metric=True), folder, detections)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -268,4 +272,4 @@ def test_a_truth_of_mixed_sizes_is_named(tmp_path: Path) -> None:
     save_detection(detections, 0, displacement, mask)
     np.savez(folder / "truth" / "000000.npz", displacement=displacement, mask=mask[::2])
     with pytest.raises(BadInputError, match=r"000000\.npz: displacement is"):
-        evaluate(plume_map(), orbit(metric=True), folder, detections)
+        evaluate_map(plume_map(), orbit(metric=True), folder, detections)
