@@ -37,19 +37,19 @@ class Fluctuation:
     Attributes:
         covariance_px2: (H, W) of the displacement with that in the next frame, both components.
         sigmas: (H, W) by how many standard deviations it is above zero.
-        by_chance: (D, H, W) the same of the frames in random orders.
+        shuffled_sigmas: (D, H, W) the same of the frames in random orders.
         next_autocorrelation: (H, W) the covariance as a share of the variance, noise and all.
         lowest_autocorrelation: (H, W) the lowest of all later ones.
     """
 
     covariance_px2: FloatMap
     sigmas: FloatMap
-    by_chance: FloatMap
+    shuffled_sigmas: FloatMap
     next_autocorrelation: FloatMap
     lowest_autocorrelation: FloatMap
 
     @classmethod
-    def of(cls, images: Sequence[GreyImage], rng: np.random.Generator) -> Self:
+    def measure(cls, images: Sequence[GreyImage], rng: np.random.Generator) -> Self:
         """Measures T frames, (H, W) uint8 each, that follow each other closely."""
         shifts = shifts_px(images)
         covariance = autocovariance(shifts, 1)
@@ -64,7 +64,7 @@ class Fluctuation:
         return cls(
             covariance_px2=covariance,
             sigmas=np.asarray(covariance / deviation),
-            by_chance=np.asarray(drawn / deviation),
+            shuffled_sigmas=np.asarray(drawn / deviation),
             next_autocorrelation=np.asarray(covariance / variance),
             lowest_autocorrelation=np.asarray(lowest / variance),
         )
@@ -72,10 +72,10 @@ class Fluctuation:
     @property
     def is_everywhere(self) -> bool:
         """Whether even calm pixels show it, as in compressed video, where noise lasts as well."""
-        low = np.quantile(self.by_chance, LOW_SHARE)
+        low = np.quantile(self.shuffled_sigmas, LOW_SHARE)
         return bool(low < 0 and (self.sigmas < low).mean() < CALM_SHARE * LOW_SHARE)
 
-    def springs_back(self, where: BoolArray) -> bool:
+    def oscillates(self, where: BoolArray) -> bool:
         """Whether what moves in these pixels of (H, W) swings; not where noise hides it."""
         clear = where & (self.next_autocorrelation > CLEAR)
         if clear.sum() < FEWEST_CLEAR:
@@ -113,7 +113,7 @@ def _tone(image: GreyImage) -> FloatMap:
     return np.asarray(GREY_LEVELS * (tone - blur(tone, LIT_ALIKE_PX)))
 
 
-def in_a_row(times_s: FloatArray, most_s: float) -> slice:
+def longest_run(times_s: FloatArray, most_s: float) -> slice:
     """The longest run of frames of which each follows within `most_s` of the one before."""
     breaks = np.flatnonzero(np.diff(times_s) > most_s) + 1
     starts, ends = np.r_[0, breaks], np.r_[breaks, len(times_s)]

@@ -39,8 +39,8 @@ from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.search.fit import fit_columns
 from locate.fusion.search.limit import detection_limit_px
 from locate.fusion.search.null import NullLevel
-from locate.fusion.search.proposals import STARTS, propose
-from locate.fusion.search.score import evidence
+from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
+from locate.fusion.search.score import column_evidence
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.decide import cap_probability
@@ -143,11 +143,11 @@ class Place:
 def strongest(views: Views, null: NullLevel, true: Place) -> Stated:
     """The strongest column, searched for as in the draws of chance."""
     rng = np.random.default_rng(0)
-    starts = propose(views, views.volume(), most=STARTS)[0].columns
-    columns = fit_columns(partial(evidence, views), starts, views.unit, rng)
+    starts = propose_columns(views, views.volume(), most=MOST_PROPOSALS)[0].columns
+    columns = fit_columns(partial(column_evidence, views), starts, views.unit, rng)
     if not len(columns):
         return NOTHING
-    nats = float(evidence(views, columns[0].alone)[0])
+    nats = float(column_evidence(views, columns[0].alone)[0])
     return Stated(nats=nats, probability=1 - null.false_alarm(nats), off=true.off(columns[0]))
 
 

@@ -36,7 +36,7 @@ VIEWS_A_SECOND = 5
 LANES_X, LANES_Y = np.linspace(-8, 8, 9), np.linspace(-9, 3, 5)
 HEIGHT_M = 2.0
 AHEAD, ABOVE = np.array([0.0, 1.0, -0.1]), np.array([0.0, 0.0, 0.8])
-NULL = NullLevel.fitted([10.0, 14.0, 12.0])
+NULL = NullLevel.from_draws([10.0, 14.0, 12.0])
 
 
 def places() -> list[FloatArray]:

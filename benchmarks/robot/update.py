@@ -22,7 +22,7 @@ from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
 
 KEPT = 32
-NULL = NullLevel.fitted([10.0, 14.0, 12.0])
+NULL = NullLevel.from_draws([10.0, 14.0, 12.0])
 
 
 def pose(views: Views, row: int, stamp_ns: int) -> StampedPose:

@@ -68,7 +68,7 @@ def judged(folder: Path) -> str:
 def picture(folder: Path) -> NDArray[np.uint8]:
     """(H, 3 W, 3) a frame with its bearings, what lasts, and the truth."""
     images = [small(f.image) for f in open_recording(folder / "video.mkv").frames()]
-    lasting = Fluctuation.of(images, np.random.default_rng(0)).sigmas
+    lasting = Fluctuation.measure(images, np.random.default_rng(0)).sigmas
     truth = SceneTruth.load(folder)
     squares = [(truth.frame(i).displacement ** 2).sum(axis=-1) for i in range(0, len(images), 4)]
     true_px = cv2.resize(np.sqrt(np.mean(squares, axis=0)), lasting.shape[::-1])

@@ -7,13 +7,13 @@ from functools import partial, reduce
 import numpy as np
 
 from geometry.grid import EvidenceGrid
-from locate.fusion.axis.pairs import split
+from locate.fusion.axis.pairs import split_column
 from locate.fusion.search.columns import Columns, PlumeColumn
-from locate.fusion.search.fit import FINE, climb, fit_columns
+from locate.fusion.search.fit import FINE_ROUNDS, fit_columns, random_search
 from locate.fusion.search.null import NullLevel
-from locate.fusion.search.proposals import STARTS, propose
-from locate.fusion.search.score import evidence, stands_out, without
-from locate.fusion.source.measure import find_axis, measured
+from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
+from locate.fusion.search.score import column_contrast, column_evidence, mask_out
+from locate.fusion.source.measure import find_axis, measure_plume
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 
@@ -26,7 +26,7 @@ SAME_PLACE_UNITS = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fused:
+class FusionResult:
     """What fusion found.
 
     Attributes:
@@ -48,7 +48,7 @@ def fuse(
     null: NullLevel | None = None,
     most_false_alarm: float = FALSE_ALARM,
     least_nats: float = 0.0,
-) -> Fused:
+) -> FusionResult:
     """Finds the plumes that the summed evidence of all views speaks for.
 
     A strong plume makes strong chance columns too. Once it is found and taken out, the level is
@@ -67,34 +67,34 @@ def fuse(
     """
     rng = np.random.default_rng(seed)
     if np.isnan(views.unit):
-        return Fused(plumes=(), grid=None, threshold_nats=np.inf)
+        return FusionResult(plumes=(), grid=None, threshold_nats=np.inf)
     box = views.volume()
     drawn = null is None
     if null is None:
         null = NullLevel.from_views(
             views, box, rng, progress=lambda share: progress(NULL_SHARE * share)
         )
-    proposals, grid = propose(views, box, most=STARTS)
-    columns = fit_columns(partial(stands_out, views), proposals.columns, views.unit, rng)
+    proposals, grid = propose_columns(views, box, most=MOST_PROPOSALS)
+    columns = fit_columns(partial(column_contrast, views), proposals.columns, views.unit, rng)
     level = max(null.threshold(most_false_alarm), least_nats)
-    plumes, left = _take(views, columns, null, level, rng)
-    strongest = float(evidence(views, columns).max(initial=0.0))
+    plumes, left = extract_plumes(views, columns, null, level, rng)
+    strongest = float(column_evidence(views, columns).max(initial=0.0))
     floor = max(least_nats, GHOST_SHARE * strongest)
-    far = _far_columns(left, columns, plumes, floor)
+    far = find_far_columns(left, columns, plumes, floor)
     raised = bool(plumes) and level > least_nats
     if drawn and (raised or (far and (plumes or least_nats))):
-        calm = reduce(without, far, left) if least_nats else left
+        calm = reduce(mask_out, far, left) if least_nats else left
         null = NullLevel.from_views(calm, box, rng, progress=lambda _share: None)
         level = max(null.threshold(most_false_alarm), least_nats)
-        more, _ = _take(left, far, null, max(level, floor), rng)
-        plumes += [plume for plume in more if not _same(plume, plumes, views.unit)]
+        more, _ = extract_plumes(left, far, null, max(level, floor), rng)
+        plumes += [plume for plume in more if not is_same_source(plume, plumes, views.unit)]
     progress(1.0)
     plumes.sort(key=lambda plume: -plume.evidence_nats)
     numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
-    return Fused(plumes=tuple(numbered), grid=grid, threshold_nats=level)
+    return FusionResult(plumes=tuple(numbered), grid=grid, threshold_nats=level)
 
 
-def _take(
+def extract_plumes(
     views: Views,
     columns: Iterable[PlumeColumn],
     null: NullLevel,
@@ -105,18 +105,18 @@ def _take(
 
     Two columns may hold the same plume, one of them beside another: it is taken once.
     """
-    standing = _standing(views, columns, level, rng)
+    standing = suppress_overlaps(views, columns, level, rng)
     plumes: list[Plume] = []
     for k, column in enumerate(standing):
-        stronger = reduce(without, standing[:k], views)
-        alone = reduce(without, standing[k + 1 :], stronger)
-        found = _two(split(alone, column, rng), alone, null, level, rng)
-        found = found or _whole(column, alone, stronger, null, level, rng)
-        plumes += [plume for plume in found if not _same(plume, plumes, views.unit)]
-    return plumes, reduce(without, standing, views)
+        stronger = reduce(mask_out, standing[:k], views)
+        alone = reduce(mask_out, standing[k + 1 :], stronger)
+        found = split_pair(split_column(alone, column, rng), alone, null, level, rng)
+        found = found or single_plume(column, alone, stronger, null, level, rng)
+        plumes += [plume for plume in found if not is_same_source(plume, plumes, views.unit)]
+    return plumes, reduce(mask_out, standing, views)
 
 
-def _standing(
+def suppress_overlaps(
     views: Views,
     columns: Iterable[PlumeColumn],
     level: float,
@@ -129,23 +129,26 @@ def _standing(
     """
     left, above = views, []
     for column in columns:
-        _, nats = climb(partial(evidence, left), column.alone, views.unit, rng)
+        _, nats = random_search(partial(column_evidence, left), column.alone, views.unit, rng)
         if nats[0] >= level:
             above.append(column)
-            left = without(left, column)
+            left = mask_out(left, column)
     standing: list[PlumeColumn] = []
-    for column in sorted(above, key=lambda each: -_nats(views, each)):
-        rest = without(views, column)
-        if all(_nats(rest, other) >= KEPT_SHARE * _nats(views, other) for other in standing):
+    for column in sorted(above, key=lambda each: -_evidence_of(views, each)):
+        rest = mask_out(views, column)
+        if all(
+            _evidence_of(rest, other) >= KEPT_SHARE * _evidence_of(views, other)
+            for other in standing
+        ):
             standing.append(column)
     return standing
 
 
-def _nats(views: Views, column: PlumeColumn) -> float:
-    return float(evidence(views, column.alone)[0])
+def _evidence_of(views: Views, column: PlumeColumn) -> float:
+    return float(column_evidence(views, column.alone)[0])
 
 
-def _two(
+def split_pair(
     pair: Sequence[tuple[PlumeColumn, Views]],
     both: Views,
     null: NullLevel,
@@ -158,7 +161,7 @@ def _two(
     and where each stands is known already, nearly.
 
     Args:
-        pair: As of `split`.
+        pair: As of `split_column`.
         both: The views in which both stand.
         null: What chance makes.
         level: What a plume alone needs, nats.
@@ -166,18 +169,18 @@ def _two(
     """
     found: list[Plume] = []
     for column, rest in pair:
-        strength = 2 * _nats(both, column)
-        sighted = find_axis(rest, column, rng, turns=FINE)
+        strength = 2 * _evidence_of(both, column)
+        sighted = find_axis(rest, column, rng, rounds=FINE_ROUNDS)
         if strength < level or sighted is None:
             return []
-        plume = measured(rest, *sighted, null.false_alarm(strength))
-        if _same(plume, found, rest.unit):
+        plume = measure_plume(rest, *sighted, null.false_alarm(strength))
+        if is_same_source(plume, found, rest.unit):
             return []
         found.append(plume)
     return found
 
 
-def _whole(
+def single_plume(
     column: PlumeColumn,
     alone: Views,
     judged: Views,
@@ -196,19 +199,19 @@ def _whole(
         rng: Of the search.
     """
     sighted = find_axis(alone, column, rng)
-    if sighted is None or (strength := _nats(judged, sighted[0])) < level:
+    if sighted is None or (strength := _evidence_of(judged, sighted[0])) < level:
         return []
-    return [measured(alone, *sighted, null.false_alarm(strength))]
+    return [measure_plume(alone, *sighted, null.false_alarm(strength))]
 
 
-def _same(plume: Plume, others: Iterable[Plume], unit: float) -> bool:
+def is_same_source(plume: Plume, others: Iterable[Plume], unit: float) -> bool:
     """Whether its source is that of one of the others."""
     return any(
         np.linalg.norm(plume.source - other.source) < SAME_PLACE_UNITS * unit for other in others
     )
 
 
-def _far_columns(
+def find_far_columns(
     left: Views, columns: Columns, plumes: list[Plume], floor: float
 ) -> list[PlumeColumn]:
     """Strong columns that stand too far from every plume to be what it left of its evidence."""
@@ -217,4 +220,4 @@ def _far_columns(
         axis=1, initial=np.inf
     )
     far = columns.take(apart > FAR_UNITS * left.unit)
-    return list(far.take(evidence(left, far) >= floor))
+    return list(far.take(column_evidence(left, far) >= floor))

@@ -19,7 +19,7 @@ RANGE_TO_UNIT = 0.1
 FARTHEST_RANGES = 10
 OUTLIERS_PERCENT = 2
 TURBULENCE_PX = 0.1
-FREE_OF_EVIDENCE = {"unit", "bent_px", "floor"}
+FREE_OF_EVIDENCE = {"unit", "bending_px", "lowest_background"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +65,12 @@ class Views:
         return cls(
             trajectory=replace(trajectory, camera=camera),
             llr=llr,
-            inverse_depth=np.stack([_nearest(d, camera.width, camera.height) for d in depth]),
+            inverse_depth=np.stack(
+                [_shrink_nearest(d, camera.width, camera.height) for d in depth]
+            ),
             displacement=np.stack([shrink(d.displacement) for d in detections]),
             sigma_px=np.stack(
-                [_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
+                [_shrink_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
             ),
             correlation_px2=correlation_area(llr),
         )
@@ -76,7 +78,7 @@ class Views:
     def __len__(self) -> int:
         return len(self.trajectory)
 
-    def rolled(self, shifts_px: Sequence[int]) -> Self:
+    def rolled_sideways(self, shifts_px: Sequence[int]) -> Self:
         """Every view's maps turned sideways by its own shift, the poses left where they are.
 
         What the views agreed on is gone, what each of them says alone is kept.
@@ -89,7 +91,7 @@ class Views:
         vars(rolled)["unit"] = self.unit
         return rolled
 
-    def saying(self, llr: FloatMap) -> Self:
+    def with_evidence(self, llr: FloatMap) -> Self:
         """The same views with other evidence, (V, H, W); what does not hang on it is kept."""
         other = replace(self, llr=llr)
         kept = vars(self).keys() & FREE_OF_EVIDENCE
@@ -103,7 +105,7 @@ class Views:
         return float(RANGE_TO_UNIT / np.median(finite)) if finite.size else np.nan
 
     @cached_property
-    def bent_px(self) -> FloatMap:
+    def bending_px(self) -> FloatMap:
         """(V, H, W) length of the displacement, less what its noise adds, px."""
         length = np.linalg.norm(self.displacement, axis=-1)
         return np.asarray(np.sqrt(length**2 - np.minimum(self.sigma_px, length) ** 2))
@@ -123,7 +125,7 @@ class Views:
         return np.asarray(self.measured / variance)
 
     @cached_property
-    def floor(self) -> float:
+    def lowest_background(self) -> float:
         """World Z of the lowest background, outliers apart."""
         return float(np.percentile(self.background_in_world()[:, 2], OUTLIERS_PERCENT))
 
@@ -153,7 +155,7 @@ class Views:
         return Box.around(low, high, longest=VOXELS_ALONG_LONGEST_EDGE)
 
 
-def _nearest(image: FloatMap, width: int, height: int) -> FloatMap:
+def _shrink_nearest(image: FloatMap, width: int, height: int) -> FloatMap:
     resized = cv2.resize(image, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return np.asarray(resized, np.float32)
 

@@ -84,7 +84,7 @@ def decide(
     trajectory = posed.undistorted_trajectory()
     if trajectory is None:
         seen = find_bearings(
-            found, posed.camera.undistorted(), in_a_row=posed.longest_sequence(), seed=seed
+            found, posed.camera.undistorted(), consecutive=posed.longest_sequence(), seed=seed
         )
         report("fusion", 1.0)
         return PlumeMap(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from detect.detection import Frames
-from detect.fluctuation import in_a_row
+from detect.fluctuation import longest_run
 from geometry.arrays import FloatArray, GreyImage, IntArray
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
@@ -51,7 +51,7 @@ class PosedFrames:
         """The frames, undistorted, of the longest run that follow each other closely in time."""
         if self.times_s is None:
             return ()
-        return self.undistorted().images[in_a_row(self.times_s, CLOSELY_S)]
+        return self.undistorted().images[longest_run(self.times_s, CLOSELY_S)]
 
     def image_motion_px(self) -> float:
         """How far the image moves from the first frame to the middle and the last, median, px."""

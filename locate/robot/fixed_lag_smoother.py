@@ -72,7 +72,7 @@ class FixedLagSmoother:
         self._height = float(plume.source[2] - self._column.lowest_z)
         self._glimpses: deque[ViewMeasurement] = deque(maxlen=most)
         seen = sight_axis(views, self._column)
-        self._away = int(np.sign(seen.away.sum()))
+        self._away = int(np.sign(seen.bending_sign.sum()))
         for row, pose in enumerate(shared.taken_out(poses)):
             number = int(views.trajectory.indices[row])
             part = _taken(seen, seen.view == row)
@@ -112,15 +112,15 @@ class FixedLagSmoother:
             self._camera,
         )
         seen = _joined([glimpse.sightings for glimpse in glimpses], trajectory.times_s)
-        sway: Sway = self._sway.again(seen, self._height, self.unit)
+        sway: Sway = self._sway.applied_to(seen, self._height, self.unit)
         return estimate_axis(
             trajectory, self._column, seen, self.unit, origin=self._height, sway=sway
         )
 
     def _moved(self, first: AxisEstimate, now: AxisEstimate) -> Plume:
         """The plume, moved and made surer or less sure as its axis was since the search."""
-        before, covariance_before = first.at(self._height)
-        after, covariance_after = now.at(self._height)
+        before, covariance_before = first.point_at(self._height)
+        after, covariance_after = now.point_at(self._height)
         rest = _positive(self.plume.source_covariance - covariance_before)
         surer = now.direction_sigma_rad / first.direction_sigma_rad
         views = {*self.plume.views, *(g.number for g in self._glimpses if len(g.sightings))}

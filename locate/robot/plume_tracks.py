@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from geometry.arrays import FloatArray
 from locate.fusion.search.columns import Columns, PlumeColumn
-from locate.fusion.search.fit import distinct
+from locate.fusion.search.fit import drop_duplicates
 from locate.map.plume import Plume
 
 CONFIRMED_PROBABILITY = 0.99
@@ -217,7 +217,7 @@ def as_column(plume: Plume) -> PlumeColumn:
 
 def same(a: Plume, b: Plume, unit: float) -> bool:
     """True where fusion would count the two as one plume."""
-    return len(distinct(Columns.of([as_column(a), as_column(b)]), unit)) == 1
+    return len(drop_duplicates(Columns.of([as_column(a), as_column(b)]), unit)) == 1
 
 
 def consistent(a: Plume, b: Plume) -> bool:

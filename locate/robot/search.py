@@ -120,4 +120,4 @@ class LocalPlumeSearch:
         missing = max(self._settings.null_draws - len(self._null), 1)
         for _ in range(missing):
             self._null.append((count, draw_strongest(views, box, self._rng)))
-        return NullLevel.fitted([strength for _, strength in self._null])
+        return NullLevel.from_draws([strength for _, strength in self._null])

@@ -21,7 +21,7 @@ from locate.fusion.fuse import FALSE_ALARM
 from locate.fusion.search.columns import HEIGHT, RADIUS, Columns, PlumeColumn, X, Y, Z
 from locate.fusion.search.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
 from locate.fusion.search.null import NullLevel
-from locate.fusion.search.score import agreed, score
+from locate.fusion.search.score import clipped_sum, score_columns
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.detections import INDEX, load_detections, load_response
@@ -231,14 +231,14 @@ def column_limits_px(
 ) -> FloatArray:
     """(N,) the smallest of `AMPLITUDES_PX` that gives a column its (N,) evidence, or inf."""
     limits = np.full(len(columns), np.inf)
-    looked_at = views.saying(np.ones_like(views.llr))
-    coverage = score(looked_at, columns)
+    looked_at = views.with_evidence(np.ones_like(views.llr))
+    coverage = score_columns(looked_at, columns)
     left = np.flatnonzero((coverage > 0).sum(axis=0) >= FEWEST_VIEWS)
     for amplitude in AMPLITUDES_PX:
         if not len(left):
             break
-        expected = views.saying(expected_llr(views, float(amplitude), response))
-        found = agreed(score(expected, columns.take(left))) > needed_nats[left]
+        expected = views.with_evidence(expected_llr(views, float(amplitude), response))
+        found = clipped_sum(score_columns(expected, columns.take(left))) > needed_nats[left]
         limits[left[found]] = amplitude
         left = left[~found]
     return limits

@@ -4,7 +4,7 @@ import numpy as np
 from detect.detection import Detection
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
-from locate.fusion.still_camera.bearings import FromRest, find_bearings
+from locate.fusion.still_camera.bearings import StillCameraResult, find_bearings
 from locate.fusion.still_camera.temporal_coherence import EVERYWHERE, TOO_SLOW
 from tests.detect.fluctuating import frames
 
@@ -37,10 +37,10 @@ def test_noise_alone_gives_no_direction() -> None:
     assert find_bearings([detection(rng, False) for _ in range(10)], CAMERA).bearings == ()
 
 
-def in_time(images: list[GreyImage]) -> FromRest:
+def in_time(images: list[GreyImage]) -> StillCameraResult:
     rng = np.random.default_rng(2)
     silent = [detection(rng, False) for _ in range(10)]
-    return find_bearings(silent, CAMERA, in_a_row=images)
+    return find_bearings(silent, CAMERA, consecutive=images)
 
 
 def test_what_no_single_frame_shows_is_found_in_time() -> None:
@@ -54,12 +54,12 @@ def test_what_no_single_frame_shows_is_found_in_time() -> None:
 
 
 def test_noise_in_time_gives_no_direction() -> None:
-    assert in_time(frames(0.0)) == FromRest(bearings=(), notes=())
+    assert in_time(frames(0.0)) == StillCameraResult(bearings=(), notes=())
 
 
 def test_where_time_tells_nothing_the_reason_is_given() -> None:
     assert in_time(frames(0.15, count=12)).notes == (TOO_SLOW,)
-    assert in_time(frames(0.15, held=4)) == FromRest(bearings=(), notes=(EVERYWHERE,))
+    assert in_time(frames(0.15, held=4)) == StillCameraResult(bearings=(), notes=(EVERYWHERE,))
 
 
 def test_what_springs_back_is_left_out_and_said() -> None:

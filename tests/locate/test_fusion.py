@@ -6,15 +6,15 @@ import pytest
 
 from detect.detection import Detection
 from detect.registry import DetectorChoice
-from locate.fusion.axis.graph import agreeing, averaged, estimate_axis
-from locate.fusion.axis.pairs import split
+from locate.fusion.axis.graph import average_axes, estimate_axis, mark_consistent
+from locate.fusion.axis.pairs import split_column
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import estimate_sway
 from locate.fusion.fuse import fuse
 from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import best_interval
-from locate.fusion.search.score import evidence, score, stands_out, without
+from locate.fusion.search.score import column_contrast, column_evidence, mask_out, score_columns
 from locate.fusion.source.base import locate_base
 from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
@@ -71,7 +71,7 @@ def test_true_column_scores_more_than_its_neighbours(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
     shifts = np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.8], [0, -0.8]])
     columns = [as_column(truth).shifted(shift) for shift in shifts]
-    nats = score(views, Columns.of(columns)).sum(axis=0)
+    nats = score_columns(views, Columns.of(columns)).sum(axis=0)
     assert nats.argmax() == 0
     assert nats[0] > 1.2 * nats[1:].max()
 
@@ -79,8 +79,8 @@ def test_true_column_scores_more_than_its_neighbours(truth: Truth) -> None:
 def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
     views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
     column = as_column(truth)
-    left = without(views, column)
-    assert score(left, column.alone).sum() < 0.1 * score(views, column.alone).sum()
+    left = mask_out(views, column)
+    assert score_columns(left, column.alone).sum() < 0.1 * score_columns(views, column.alone).sum()
     assert (views.llr > 0).any()
 
 
@@ -109,31 +109,31 @@ def between(truth: Truth, beside: Truth) -> PlumeColumn:
 
 def test_a_column_over_two_plumes_is_split(truth: Truth) -> None:
     both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60)
-    parts = split(both, between(truth, beside), np.random.default_rng(0))
+    parts = split_column(both, between(truth, beside), np.random.default_rng(0))
     assert len(parts) == 2
     for plume in (truth, beside):
         own = as_column(plume).alone
         apart = [np.linalg.norm((part.lowest_point - plume.source)[:2]) for part, _ in parts]
         assert min(apart) < 1 / 3
         left = parts[int(np.argmin(apart))][1]
-        assert score(left, own).sum() > 0.5 * score(both, own).sum()
+        assert score_columns(left, own).sum() > 0.5 * score_columns(both, own).sum()
 
 
 @pytest.mark.parametrize("radius", [0.15, 0.4])
 def test_a_column_over_one_plume_is_not_split(truth: Truth, radius: float) -> None:
     wide = replace(truth, radius=radius)
     views = corrupted_views(wide, orbit(8, 60), np.random.default_rng(0), NONE)
-    assert not split(views, as_column(wide), np.random.default_rng(0))
+    assert not split_column(views, as_column(wide), np.random.default_rng(0))
 
 
 def test_plumes_that_no_view_sees_apart_are_not_told_apart(truth: Truth) -> None:
     both, beside = beside_each_other(truth, np.array([0, 1.0, 0]), 10)
-    assert not split(both, between(truth, beside), np.random.default_rng(0))
+    assert not split_column(both, between(truth, beside), np.random.default_rng(0))
 
 
 def test_where_the_displacement_turns_much_less_is_no_second_plume(truth: Truth) -> None:
     both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60, strength=0.04)
-    assert not split(both, between(truth, beside), np.random.default_rng(0))
+    assert not split_column(both, between(truth, beside), np.random.default_rng(0))
 
 
 def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
@@ -145,8 +145,8 @@ def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
     loud = np.maximum(first.llr, second.llr)
     both = replace(first, llr=np.where(loud < 0, -0.1, loud).astype(np.float32))
     columns = Columns.of([as_column(truth), between(truth, beside)])
-    assert np.diff(evidence(both, columns)) > 0
-    assert np.diff(stands_out(both, columns)) < 0
+    assert np.diff(column_evidence(both, columns)) > 0
+    assert np.diff(column_contrast(both, columns)) < 0
 
 
 def test_three_plumes_are_three() -> None:
@@ -181,7 +181,7 @@ def test_errors_that_neighbouring_views_share_are_seen_and_widen_the_covariance(
     )
     assert own is not None
     assert shared is not None
-    assert own.sway.share_alike < 0.3 < 0.6 < shared.sway.share_alike
+    assert own.sway.shared_part < 0.3 < 0.6 < shared.sway.shared_part
     assert np.trace(shared.covariance) > 1.5 * np.trace(own.covariance)
 
 
@@ -213,7 +213,7 @@ def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: Truth) -> Non
     column = as_column(truth)
     base = locate_base(screened(views, column, up_to=0.9, before=0.8), column)
     assert base.hidden
-    assert base.lowest_seen == pytest.approx(0.9, abs=0.15)
+    assert base.evidence_low == pytest.approx(0.9, abs=0.15)
     assert base.height == pytest.approx(0.45, abs=0.2)
     assert abs(base.height) < 2 * base.sigma
 
@@ -273,7 +273,7 @@ def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
     sightings = sight_axis(views, column)
     axis = estimate_axis(views.trajectory, column, sightings, views.unit)
     assert axis is not None
-    point, covariance = axis.at(0.0)
+    point, covariance = axis.point_at(0.0)
     assert abs(point[0] - truth.source[0]) < 0.05
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
 
@@ -286,13 +286,13 @@ def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: Truth) -> Non
     lifted = replace(
         axis, lowest=axis.lowest + 0.5, line=axis.line + 0.5 * np.r_[axis.line[2:], 0, 0]
     )
-    at, covariance = axis.at(0.3)
-    same, same_covariance = averaged([axis, axis]).at(0.3)
+    at, covariance = axis.point_at(0.3)
+    same, same_covariance = average_axes([axis, axis]).point_at(0.3)
     np.testing.assert_allclose(same, at)
     np.testing.assert_allclose(same_covariance, covariance)
-    np.testing.assert_allclose(averaged([axis, lifted]).at(0.3)[0], at)
+    np.testing.assert_allclose(average_axes([axis, lifted]).point_at(0.3)[0], at)
     aside = replace(axis, line=axis.line + np.array([0.2, 0, 0, 0]))
-    between, wider = averaged([axis, aside]).at(0.3)
+    between, wider = average_axes([axis, aside]).point_at(0.3)
     np.testing.assert_allclose(between, at + np.array([0.1, 0, 0]))
     np.testing.assert_allclose(wider - covariance, np.diag([0.01, 0, 0]), atol=1e-9)
 
@@ -306,10 +306,10 @@ def test_a_search_that_strayed_is_left_out(truth: Truth) -> None:
     aside, astray = (
         replace(axis, line=axis.line + np.array([by * sigma, 0, 0, 0])) for by in (1, 4)
     )
-    lifted = astray.counted_from(axis.lowest + 0.5)
-    np.testing.assert_allclose(lifted.at(0.5)[0], astray.at(1.0)[0])
-    assert agreeing([axis, aside, lifted, axis]).tolist() == [True, True, False, True]
-    assert agreeing([axis]).all()
+    lifted = astray.counting_from(axis.lowest + 0.5)
+    np.testing.assert_allclose(lifted.point_at(0.5)[0], astray.point_at(1.0)[0])
+    assert mark_consistent([axis, aside, lifted, axis]).tolist() == [True, True, False, True]
+    assert mark_consistent([axis]).all()
 
 
 def test_the_source_hardly_hangs_on_the_seed_of_the_search(truth: Truth) -> None:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from locate.fusion.axis.sightings import bends_away, sight_axis
+from locate.fusion.axis.sightings import find_bending_sign, sight_axis
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.views import Views
 from locate.simulation.evidence import NONE, corrupted_views, orbit, random_truth
@@ -25,8 +25,8 @@ def views() -> Views:
 def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: PlumeColumn) -> None:
     warm = sight_axis(views, column)
     dense = sight_axis(replace(views, displacement=-views.displacement), column)
-    assert set(warm.away) == {1}
-    assert set(dense.away) == {-1}
+    assert set(warm.bending_sign) == {1}
+    assert set(dense.bending_sign) == {-1}
     np.testing.assert_allclose(warm.offset_px, dense.offset_px)
     np.testing.assert_allclose(warm.sigma_px, dense.sigma_px)
 
@@ -35,14 +35,12 @@ def test_which_way_light_is_bent_is_told_where_views_agree(
     views: Views, column: PlumeColumn
 ) -> None:
     dense = -views.displacement
-    assert bends_away(views, column) == 1
-    assert bends_away(replace(views, displacement=dense), column) == -1
+    assert find_bending_sign(views, column) == 1
+    assert find_bending_sign(replace(views, displacement=dense), column) == -1
     every_other = np.where(np.arange(len(views))[:, None, None, None] % 2, 1, -1)
-    assert bends_away(replace(views, displacement=every_other * dense), column) == 0
-    assert (
-        bends_away(views.saying(views.llr * (np.arange(len(views)) < 3)[:, None, None]), column)
-        == 0
-    )
+    assert find_bending_sign(replace(views, displacement=every_other * dense), column) == 0
+    few = views.with_evidence(views.llr * (np.arange(len(views)) < 3)[:, None, None])
+    assert find_bending_sign(few, column) == 0
 
 
 def test_where_the_displacement_turns_counts_for_more_than_the_outline(
@@ -70,14 +68,14 @@ def test_noise_that_nobody_stated_makes_sightings_less_sure(
 
 def test_a_view_that_knows_better_is_believed(views: Views, column: PlumeColumn) -> None:
     turned = replace(views, displacement=-views.displacement)
-    alone = sight_axis(turned, column, away=1)
-    known = sight_axis(turned, column, away=-1)
+    alone = sight_axis(turned, column, bending_sign=1)
+    known = sight_axis(turned, column, bending_sign=-1)
     assert np.abs(known.offset_px).mean() < 0.5 * np.abs(alone.offset_px).mean()
 
 
 def test_views_that_say_otherwise_know_their_precision_anew(views: Views) -> None:
     unit, known = views.unit, views.precision
-    silent = views.saying(0 * views.llr)
+    silent = views.with_evidence(0 * views.llr)
     assert silent.unit == unit
     assert known.any()
     assert not silent.precision.any()

@@ -177,7 +177,7 @@ def test_the_strongest_column_stands_at_the_plume(views: Views, truth: Truth) ->
 def test_silence_is_no_column(views: Views, truth: Truth) -> None:
     silent = replace(views, llr=np.zeros_like(views.llr))
     place = Place.of(leak_at(truth.source, truth.height), views.trajectory)
-    null = NullLevel.fitted([0.0, 1.0])
+    null = NullLevel.from_draws([0.0, 1.0])
     assert strongest(silent, null, place) == NOTHING
 
 

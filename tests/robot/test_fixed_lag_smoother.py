@@ -49,7 +49,7 @@ def pose(views: Views, i: int) -> StampedPose:
 
 @pytest.fixture(scope="module")
 def found(views: Views) -> Plume:
-    (plume,) = fuse(first(views, KEPT), null=NullLevel.fitted([8.0, 9.0, 10.0])).plumes
+    (plume,) = fuse(first(views, KEPT), null=NullLevel.from_draws([8.0, 9.0, 10.0])).plumes
     return plume
 
 

@@ -61,7 +61,7 @@ def test_plume_is_that_of_an_offline_run_with_the_same_random_draws(
     driven: tuple[Locator, list[PlumeUpdate]], views: Views
 ) -> None:
     (online,) = driven[0].plume_map().plumes
-    (offline,) = fuse(views, seed=QUICK.seed, null=NullLevel.fitted([8.0, 9.0, 10.0])).plumes
+    (offline,) = fuse(views, seed=QUICK.seed, null=NullLevel.from_draws([8.0, 9.0, 10.0])).plumes
     np.testing.assert_allclose(online.source, offline.source, atol=1e-3)
     np.testing.assert_allclose(online.source_covariance, offline.source_covariance, rtol=0.02)
     assert online.views == offline.views

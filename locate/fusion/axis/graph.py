@@ -17,7 +17,7 @@ from gtsam.symbol_shorthand import A, S, X
 from geometry.arrays import BoolArray, FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion.axis.sightings import AxisSightings
-from locate.fusion.axis.sway import Explanation, Sway, design_matrix, estimate_sway
+from locate.fusion.axis.sway import Sway, SwayHypothesis, design_matrix, estimate_sway
 from locate.fusion.search.columns import PlumeColumn
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
@@ -47,7 +47,7 @@ class AxisEstimate:
     covariance: FloatArray
     sway: Sway
 
-    def at(self, height: float) -> tuple[FloatArray, FloatArray]:
+    def point_at(self, height: float) -> tuple[FloatArray, FloatArray]:
         """(3,) point of the axis at `height` and its (3, 3) covariance."""
         mix = np.zeros((3, 4))
         mix[:2] = np.hstack([np.eye(2), height * np.eye(2)])
@@ -70,14 +70,14 @@ class AxisEstimate:
         spread = across @ self.covariance[2:, 2:] @ across.T
         return float(np.sqrt(np.trace(spread) / 2) / np.linalg.norm(self.rise))
 
-    def counted_from(self, lowest: float) -> "AxisEstimate":
+    def counting_from(self, lowest: float) -> "AxisEstimate":
         """The same axis, with heights counted from another world Z."""
         move = np.eye(4)
         move[:2, 2:] = (lowest - self.lowest) * np.eye(2)
         covariance = move @ self.covariance @ move.T
         return replace(self, lowest=lowest, line=move @ self.line, covariance=covariance)
 
-    def spread(self) -> FloatArray:
+    def cubature_lines(self) -> FloatArray:
         """(8, 4) equally likely lines with the mean and covariance of this one.
 
         The points of the third-degree cubature rule (Arasaratnam and Haykin, IEEE TAC 2009).
@@ -87,23 +87,23 @@ class AxisEstimate:
         return np.asarray(self.line + np.concatenate([steps, -steps]))
 
 
-def averaged(axes: Sequence[AxisEstimate]) -> AxisEstimate:
+def average_axes(axes: Sequence[AxisEstimate]) -> AxisEstimate:
     """The axis that several estimates of one plume's give alike; their scatter adds to it.
 
     Heights count from the lowest point of the first, whose sway it keeps.
     """
-    alike = [axis.counted_from(axes[0].lowest) for axis in axes]
+    alike = [axis.counting_from(axes[0].lowest) for axis in axes]
     lines = np.stack([axis.line for axis in alike])
     covariance = np.mean([axis.covariance for axis in alike], axis=0) + np.cov(lines.T, bias=True)
     return replace(alike[0], line=lines.mean(axis=0), covariance=covariance)
 
 
-def agreeing(axes: Sequence[AxisEstimate]) -> BoolArray:
+def mark_consistent(axes: Sequence[AxisEstimate]) -> BoolArray:
     """(N,) which of several estimates of one plume's axis lie by their median.
 
     Within `OUTLYING_SIGMAS` of a usual one of them, in place and slope; all, where none does.
     """
-    alike = [axis.counted_from(axes[0].lowest) for axis in axes]
+    alike = [axis.counting_from(axes[0].lowest) for axis in axes]
     lines = np.stack([axis.line for axis in alike])
     variances = np.median([axis.covariance.diagonal() for axis in alike], axis=0)
     sigmas = np.sqrt(np.maximum(variances, 0.0))
@@ -119,7 +119,7 @@ def estimate_axis(
     *,
     origin: float = 0.0,
     sway: Sway | None = None,
-    among: Sequence[Explanation] = (),
+    hypotheses: Sequence[SwayHypothesis] = (),
 ) -> AxisEstimate | None:
     """Solves for the mean axis from what all views see of it.
 
@@ -130,7 +130,7 @@ def estimate_axis(
         unit: The yardstick of fusion, world units.
         origin: Height of the source above the column's lowest point, where nothing sways.
         sway: That of the sightings where it is known; None estimates it.
-        among: What it is looked for among; see `estimate_sway`.
+        hypotheses: What it is looked for among; see `estimate_sway`.
 
     Returns:
         The estimate, or None where too few views or heights were sighted.
@@ -149,8 +149,8 @@ def estimate_axis(
     sigmas = np.array([PLACE_PRIOR_UNITS * unit] * 2 + [SLOPE_PRIOR] * 2)
     prior = (upright, np.diag(1 / sigmas**2))
     if sway is None:
-        poses_px2 = _poses_px2(sightings, poses)
-        sway = estimate_sway(sightings, origin, unit, poses_px2, prior, among)
+        poses_px2 = _pose_covariance_px2(sightings, poses)
+        sway = estimate_sway(sightings, origin, unit, poses_px2, prior, hypotheses)
     graph = gtsam.GaussianFactorGraph()
     _add_prior(graph, A(0), upright, np.diag(sigmas**2))
     least = LEAST_SWAY_PX**2 * np.eye(len(sightings))
@@ -198,7 +198,7 @@ def _pose_covariance(trajectory: Trajectory, i: int, column: PlumeColumn) -> Flo
     return np.diag(sigmas**2)
 
 
-def _poses_px2(sightings: AxisSightings, poses: dict[int, FloatArray]) -> FloatArray:
+def _pose_covariance_px2(sightings: AxisSightings, poses: dict[int, FloatArray]) -> FloatArray:
     """(N, N) covariance of the offsets that the poses' own leaves, px^2."""
     turned = np.stack(
         [poses[int(i)] @ j for i, j in zip(sightings.view, sightings.by_pose, strict=True)]

@@ -15,14 +15,14 @@ import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
 from locate.fusion.search.columns import Columns, PlumeColumn
-from locate.fusion.search.fit import Worth, climb, distinct
+from locate.fusion.search.fit import Objective, drop_duplicates, random_search
 from locate.fusion.search.score import (
     NEAREST_DEPTH_UNITS,
-    agreed,
-    covered,
-    evidence,
-    score,
-    without,
+    clipped_sum,
+    column_evidence,
+    mask_out,
+    score_columns,
+    supporting_pixels,
 )
 from locate.fusion.views import Views
 
@@ -30,39 +30,41 @@ HALF_GAPS_UNITS = (0.3, 0.45, 0.6)
 DIRECTIONS_RAD = np.arange(4) * np.pi / 4
 RADIUS_UNITS = 0.12
 MOST_SIGMAS = 4.0
-FITTED_IN_TURNS = 2
-SEEN_APART_RADII = 3.0
-LEAST_TOLD = 4.0
+FIT_PASSES = 2
+LEAST_GAP_RADII = 3.0
+LEAST_SEPARATION = 4.0
 LEAST_SHARE = 0.55
-STARTS = 6
+MOST_STARTS = 6
 LEAST_WEIGHT = 1e-3
 
 
-def split(
+def split_column(
     views: Views, column: PlumeColumn, rng: np.random.Generator
 ) -> list[tuple[PlumeColumn, Views]]:
     """The two plumes that a column holds, each with the views in which the other does not stand.
 
-    None where it holds one, or none can tell: see `_told_apart`.
+    None where it holds one, or none can tell: see `_separation_score`.
     """
     unit = views.unit
-    wide = _climbed(partial(evidence, views), column, unit, rng)
-    turns = _turns(views, wide)
-    starts = nlargest(STARTS, _apart(wide, unit), key=lambda pair: _explained(turns, *pair))
-    pairs = [_fitted(turns, *pair, rng) for pair in starts]
-    apart = [pair for pair in pairs if len(distinct(Columns.of(pair), unit)) == 2]
-    told = [_told_apart(turns, *pair) for pair in apart]
-    if max(told, default=0.0) < LEAST_TOLD:
+    wide = _fit_column(partial(column_evidence, views), column, unit, rng)
+    reversals = _reversal_views(views, wide)
+    starts = nlargest(
+        MOST_STARTS, _candidate_pairs(wide, unit), key=lambda pair: _pair_reversal(reversals, *pair)
+    )
+    pairs = [_fit_pair(reversals, *pair, rng) for pair in starts]
+    apart = [pair for pair in pairs if len(drop_duplicates(Columns.of(pair), unit)) == 2]
+    separations = [_separation_score(reversals, *pair) for pair in apart]
+    if max(separations, default=0.0) < LEAST_SEPARATION:
         return []
-    best = apart[int(np.argmax(told))]
+    best = apart[int(np.argmax(separations))]
     first, second = Columns.of(best).with_even_radius(best[0].gap_to(best[1]) / 2)
     return [
-        (first, without(views, second, radii=1.0)),
-        (second, without(views, first, radii=1.0)),
+        (first, mask_out(views, second, radii=1.0)),
+        (second, mask_out(views, first, radii=1.0)),
     ]
 
 
-def _turns(views: Views, column: PlumeColumn) -> Views:
+def _reversal_views(views: Views, column: PlumeColumn) -> Views:
     """The views with, for evidence, how surely the displacement turns its sign, in sigmas.
 
     Positive where it does as at the plume's axis. Each pixel's neighbourhood is as large as a
@@ -74,14 +76,14 @@ def _turns(views: Views, column: PlumeColumn) -> Views:
         depth = float(views.trajectory.world_to_cam(i, middle)[0, 2])
         depth = max(depth, NEAREST_DEPTH_UNITS * views.unit)
         radius_px = max(1.0, views.trajectory.camera.focal_px * RADIUS_UNITS * views.unit / depth)
-        sigmas[i] = _turning(displacement, views.precision[i], radius_px)
-    away = np.sign((sigmas[covered(views, column)] ** 3).sum())
-    said = np.clip(away * sigmas, -MOST_SIGMAS, MOST_SIGMAS)
-    said = np.where(views.llr > 0, said, np.minimum(said, 0))
-    return views.saying(said.astype(np.float32))
+        sigmas[i] = _reversal_sigmas(displacement, views.precision[i], radius_px)
+    away = np.sign((sigmas[supporting_pixels(views, column)] ** 3).sum())
+    reversal = np.clip(away * sigmas, -MOST_SIGMAS, MOST_SIGMAS)
+    reversal = np.where(views.llr > 0, reversal, np.minimum(reversal, 0))
+    return views.with_evidence(reversal.astype(np.float32))
 
 
-def _turning(displacement: FloatMap, precision: FloatMap, radius_px: float) -> FloatMap:
+def _reversal_sigmas(displacement: FloatMap, precision: FloatMap, radius_px: float) -> FloatMap:
     """(H, W) sigmas by which (H, W, 2) displacements point away from each pixel."""
     reach = int(np.ceil(3 * radius_px))
     away = np.arange(-reach, reach + 1, dtype=np.float32) / np.float32(radius_px)
@@ -97,25 +99,26 @@ def _turning(displacement: FloatMap, precision: FloatMap, radius_px: float) -> F
     return np.asarray(turn / np.sqrt(np.maximum(weight, LEAST_WEIGHT)))
 
 
-def _told_apart(turns: Views, first: PlumeColumn, second: PlumeColumn) -> float:
+def _separation_score(reversals: Views, first: PlumeColumn, second: PlumeColumn) -> float:
     """How surely the displacement turns at both axes, and the other way between them.
 
-    Summed over the views from where they stand apart by `SEEN_APART_RADII` of a narrow plume; each
-    says what the weakest of the three does. 0 where the displacement turns at one of them much less
-    than at the other: a wide plume has such a flank.
+    Summed over the views from where they stand apart by `LEAST_GAP_RADII` of a narrow plume; each
+    says what the weakest of the three does. 0 where the displacement turns at one of them much
+    less than at the other: a wide plume has such a flank.
     """
     (level,) = second.axis_points(np.array([first.lowest_z - second.lowest_z]))
     second = second.moved_to(level)
     columns = Columns.of([first, second, first.midway_to(second)])
-    turned = score(turns, columns.with_even_radius(RADIUS_UNITS * turns.unit)) * [1, 1, -1]
-    apart = _seen_apart(turns, first, second) > SEEN_APART_RADII * RADIUS_UNITS * turns.unit
+    radius = RADIUS_UNITS * reversals.unit
+    turned = score_columns(reversals, columns.with_even_radius(radius)) * [1, 1, -1]
+    apart = _apparent_gap(reversals, first, second) > LEAST_GAP_RADII * radius
     weaker, stronger = np.sort(turned[apart, :2].sum(axis=0))
     if weaker < LEAST_SHARE * stronger:
         return 0.0
-    return float(agreed((turned.min(axis=1) * apart)[:, None])[0])
+    return float(clipped_sum((turned.min(axis=1) * apart)[:, None])[0])
 
 
-def _seen_apart(views: Views, first: PlumeColumn, second: PlumeColumn) -> FloatArray:
+def _apparent_gap(views: Views, first: PlumeColumn, second: PlumeColumn) -> FloatArray:
     """(V,) world units between two axes at half their height, as seen across the first.
 
     Both count their height from the same level.
@@ -127,7 +130,7 @@ def _seen_apart(views: Views, first: PlumeColumn, second: PlumeColumn) -> FloatA
     return np.asarray(np.abs(across @ (middles[1] - middles[0])))
 
 
-def _apart(column: PlumeColumn, unit: float) -> list[tuple[PlumeColumn, PlumeColumn]]:
+def _candidate_pairs(column: PlumeColumn, unit: float) -> list[tuple[PlumeColumn, PlumeColumn]]:
     """Pairs of columns on both sides of its axis."""
     pairs = []
     for angle, half_gap in product(DIRECTIONS_RAD, HALF_GAPS_UNITS):
@@ -136,37 +139,41 @@ def _apart(column: PlumeColumn, unit: float) -> list[tuple[PlumeColumn, PlumeCol
     return pairs
 
 
-def _fitted(
-    turns: Views, first: PlumeColumn, second: PlumeColumn, rng: np.random.Generator
+def _fit_pair(
+    reversals: Views, first: PlumeColumn, second: PlumeColumn, rng: np.random.Generator
 ) -> tuple[PlumeColumn, PlumeColumn]:
     """Two axes fitted in turns, each to what the other leaves."""
-    for _ in range(FITTED_IN_TURNS):
-        first = _climbed(partial(_shown, _left(turns, second)), first, turns.unit, rng)
-        second = _climbed(partial(_shown, _left(turns, first)), second, turns.unit, rng)
+    for _ in range(FIT_PASSES):
+        first = _fit_column(
+            partial(_axis_reversal, _mask_axis(reversals, second)), first, reversals.unit, rng
+        )
+        second = _fit_column(
+            partial(_axis_reversal, _mask_axis(reversals, first)), second, reversals.unit, rng
+        )
     return first, second
 
 
-def _climbed(
-    worth: Worth, column: PlumeColumn, unit: float, rng: np.random.Generator
+def _fit_column(
+    objective: Objective, column: PlumeColumn, unit: float, rng: np.random.Generator
 ) -> PlumeColumn:
-    columns, _ = climb(worth, column.alone, unit, rng)
+    columns, _ = random_search(objective, column.alone, unit, rng)
     return columns[0]
 
 
-def _shown(turns: Views, columns: Columns) -> FloatArray:
+def _axis_reversal(reversals: Views, columns: Columns) -> FloatArray:
     """(N,) how much turns at the axes of columns, whatever their width.
 
     A view that sees one of two does not speak against the other.
     """
-    narrow = columns.with_even_radius(RADIUS_UNITS * turns.unit)
-    return agreed(np.maximum(score(turns, narrow), 0))
+    narrow = columns.with_even_radius(RADIUS_UNITS * reversals.unit)
+    return clipped_sum(np.maximum(score_columns(reversals, narrow), 0))
 
 
-def _left(turns: Views, other: PlumeColumn) -> Views:
-    return without(turns, other.with_even_radius(RADIUS_UNITS * turns.unit), radii=1.0)
+def _mask_axis(reversals: Views, other: PlumeColumn) -> Views:
+    return mask_out(reversals, other.with_even_radius(RADIUS_UNITS * reversals.unit), radii=1.0)
 
 
-def _explained(turns: Views, first: PlumeColumn, second: PlumeColumn) -> float:
+def _pair_reversal(reversals: Views, first: PlumeColumn, second: PlumeColumn) -> float:
     """What turns at two axes; where both cover the same it counts once."""
-    rest = _shown(_left(turns, first), second.alone)
-    return float(_shown(turns, first.alone)[0] + rest[0])
+    rest = _axis_reversal(_mask_axis(reversals, first), second.alone)
+    return float(_axis_reversal(reversals, first.alone)[0] + rest[0])

@@ -28,14 +28,14 @@ OUTLINE = cv2.GaussianBlur(
     (np.abs(REACH) <= FOOTPRINT_SHARE).astype(float)[None], (0, 0), EDGE_SAMPLES
 )[0]
 OUTLINE /= OUTLINE.sum()
-TURN_RADII = 0.3
-FROM_PLACE = (REACH - PLACES[:, None]) / TURN_RADII
-TURN = FROM_PLACE * np.exp(-(FROM_PLACE**2) / 2)
+REVERSAL_WIDTH_RADII = 0.3
+FROM_PLACE = (REACH - PLACES[:, None]) / REVERSAL_WIDTH_RADII
+REVERSAL = FROM_PLACE * np.exp(-(FROM_PLACE**2) / 2)
 NEAR_RADII = 0.5
-OUTLINE_LOOK_PX2, TURN_LOOK_PX2 = 10.0, 36.0
+OUTLINE_SAMPLE_PX2, REVERSAL_SAMPLE_PX2 = 10.0, 36.0
 OUTLINE_SHARE, OUTLINE_ERROR_RADII = 0.1, 0.4
-STRAYING = np.exp(-(((PLACES - PLACES[:, None]) / OUTLINE_ERROR_RADII) ** 2) / 2)
-STRAYING /= STRAYING.sum(axis=1, keepdims=True)
+OUTLINE_ERROR = np.exp(-(((PLACES - PLACES[:, None]) / OUTLINE_ERROR_RADII) ** 2) / 2)
+OUTLINE_ERROR /= OUTLINE_ERROR.sum(axis=1, keepdims=True)
 SECTION_SAW_LLR = 0.4
 LEAST_RADIUS_PX = 2.0
 
@@ -48,9 +48,9 @@ class Profile:
         height: Middle of the section above the column's lowest point, along world Z.
         offsets_px: (C,) the places, from the column's own axis along the normal.
         outline: (C,) mean evidence within the column's outline, nats a pixel.
-        looks: That many pixels of it count as independent.
-        turn: (C,) how surely the displacement turns its sign there, nats: positive where light is
-            bent away from the axis, negative where towards it.
+        samples: That many pixels of it count as independent.
+        reversal_nats: (C,) how surely the displacement turns its sign there: positive where light
+            is bent away from the axis, negative where towards it.
         derivatives: (8,) of the offset, by the axis point's world X and Y and by the view's pose,
             in gtsam's tangent of world_from_cam.
     """
@@ -58,28 +58,28 @@ class Profile:
     height: float
     offsets_px: FloatArray
     outline: FloatArray
-    looks: float
-    turn: FloatArray
+    samples: float
+    reversal_nats: FloatArray
     derivatives: FloatArray
 
     @property
-    def turn_near(self) -> float:
+    def reversal_near_axis(self) -> float:
         """The turn summed over the places near the column's own axis."""
-        return float(self.turn[np.abs(PLACES) < NEAR_RADII].sum())
+        return float(self.reversal_nats[np.abs(PLACES) < NEAR_RADII].sum())
 
-    def sighted(self, away: int) -> tuple[float, float] | None:
+    def locate_axis(self, bending_sign: int) -> tuple[float, float] | None:
         """Offset of the axis and its standard deviation, px; None where nothing shows it.
 
-        What the outline has wrong, its looks have wrong alike: it may lie aside by
+        What the outline has wrong, its samples have wrong alike: it may lie aside by
         `OUTLINE_ERROR_RADII`, however sharp it is.
 
         Args:
-            away: 1 where the plume bends light away from its axis, -1 where towards it.
+            bending_sign: 1 where the plume bends light away from its axis, -1 where towards it.
         """
         if self.outline.max() < SECTION_SAW_LLR:
             return None
-        outlined = np.exp(OUTLINE_SHARE * self.looks * (self.outline - self.outline.max()))
-        nats = np.maximum(away * self.turn, 0) + np.log(STRAYING @ outlined)
+        outlined = np.exp(OUTLINE_SHARE * self.samples * (self.outline - self.outline.max()))
+        nats = np.maximum(bending_sign * self.reversal_nats, 0) + np.log(OUTLINE_ERROR @ outlined)
         best = int(np.argmax(nats))
         if best in (0, len(nats) - 1):
             return None
@@ -89,7 +89,7 @@ class Profile:
         return float(self.offsets_px[best]), float(np.sqrt(variance))
 
 
-def look_across(
+def measure_profile(
     views: Views, core: FloatMap, i: int, column: PlumeColumn, heights: FloatArray
 ) -> Profile | None:
     """A section of a column; None where it is too close to the camera.
@@ -108,7 +108,7 @@ def look_across(
     if (depth < NEAREST_DEPTH_UNITS * views.unit).any():
         return None
     pixel = trajectory.camera.project(in_cam)
-    normal = _normal(trajectory, i, points, column)
+    normal = _axis_normal(trajectory, i, points, column)
     radii_px = trajectory.camera.focal_px * (column.radius + column.opening * heights) / depth
     radii_px = np.maximum(radii_px, LEAST_RADIUS_PX)
     sampled = pixel[:, None] + (radii_px[:, None] * REACH)[..., None] * normal
@@ -122,34 +122,39 @@ def look_across(
     displacement = cv2.remap(views.displacement[i], x, y, cv2.INTER_LINEAR, borderValue=0) @ normal
     length_px = float(np.linalg.norm(pixel[-1] - pixel[0])) * len(heights) / (len(heights) - 1)
     radius_px = float(radii_px.mean())
-    looks_each = length_px * radius_px * (REACH[1] - REACH[0]) / TURN_LOOK_PX2
+    samples_each = length_px * radius_px * (REACH[1] - REACH[0]) / REVERSAL_SAMPLE_PX2
     outline = np.correlate(llr.mean(axis=0), OUTLINE, mode="same")
     return Profile(
         height=float(heights.mean()),
         offsets_px=PLACES * radius_px,
         outline=outline[SEARCHED],
-        looks=2 * FOOTPRINT_SHARE * radius_px * length_px / OUTLINE_LOOK_PX2,
-        turn=_turn(measured * looks_each, displacement),
-        derivatives=_derivatives(trajectory, i, points.mean(axis=0), normal),
+        samples=2 * FOOTPRINT_SHARE * radius_px * length_px / OUTLINE_SAMPLE_PX2,
+        reversal_nats=_reversal_nats(measured * samples_each, displacement),
+        derivatives=_offset_derivatives(trajectory, i, points.mean(axis=0), normal),
     )
 
 
-def _turn(looks: FloatMap, displacement: FloatMap) -> FloatArray:
-    """(C,) nats for `TURN` of a free size in noise of a free size, signed, with one look of prior.
+def _reversal_nats(samples: FloatMap, displacement: FloatMap) -> FloatArray:
+    """(C,) nats for `REVERSAL` of a free size in noise of a free size, signed.
+
+    With one sample of prior.
 
     Args:
-        looks: (S, P) looks that one of P places counts as over the whole section; 0 if unmeasured.
+        samples: (S, P) independent samples that one of P places counts as over the whole section;
+            0 if unmeasured.
         displacement: (S, P) across the axis, px.
     """
-    counted = looks.mean(axis=0)
-    along = TURN @ (looks * displacement).mean(axis=0)
-    total = TURBULENCE_PX**2 + (looks * displacement**2).mean(axis=0).sum()
-    explained = along**2 / np.maximum(TURN**2 @ counted, 1e-9) / total
+    counted = samples.mean(axis=0)
+    along = REVERSAL @ (samples * displacement).mean(axis=0)
+    total = TURBULENCE_PX**2 + (samples * displacement**2).mean(axis=0).sum()
+    explained = along**2 / np.maximum(REVERSAL**2 @ counted, 1e-9) / total
     nats = -np.log1p(-explained) * (1 + counted.sum()) / 2
     return np.asarray(np.sign(along) * nats)
 
 
-def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: PlumeColumn) -> FloatArray:
+def _axis_normal(
+    trajectory: Trajectory, i: int, points: FloatArray, column: PlumeColumn
+) -> FloatArray:
     """(2,) unit normal of the projected axis: the direction that is measured."""
     ahead = points + 1e-3 * column.direction
     tangent = (trajectory.project(i, ahead) - trajectory.project(i, points)).mean(axis=0)
@@ -157,7 +162,7 @@ def _normal(trajectory: Trajectory, i: int, points: FloatArray, column: PlumeCol
     return np.array([-tangent[1], tangent[0]])
 
 
-def _derivatives(
+def _offset_derivatives(
     trajectory: Trajectory, i: int, point: FloatArray, normal: FloatArray
 ) -> FloatArray:
     """(8,) of the offset along `normal`: by the point's world X and Y, and by the pose.

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
-from locate.fusion.axis.profile import Profile, look_across
+from locate.fusion.axis.profile import Profile, measure_profile
 from locate.fusion.search.columns import PlumeColumn
-from locate.fusion.search.score import covered, score
+from locate.fusion.search.score import score_columns, supporting_pixels
 from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
@@ -28,7 +28,7 @@ class AxisSightings:
         sigma_px: (N,) its standard deviation, as far as the evidence itself tells.
         by_shift: (N, 2) derivative of the offset by the axis point's world X and Y.
         by_pose: (N, 6) derivative by the view's pose, in gtsam's tangent of world_from_cam.
-        away: (N,) 1 where the plume bends light away from its axis, -1 where towards it.
+        bending_sign: (N,) 1 where the plume bends light away from its axis, -1 where towards it.
     """
 
     view: IntArray
@@ -38,13 +38,13 @@ class AxisSightings:
     sigma_px: FloatArray
     by_shift: FloatArray
     by_pose: FloatArray
-    away: IntArray
+    bending_sign: IntArray
 
     def __len__(self) -> int:
         return len(self.view)
 
 
-def sight_axis(views: Views, column: PlumeColumn, away: int = 0) -> AxisSightings:
+def sight_axis(views: Views, column: PlumeColumn, bending_sign: int = 0) -> AxisSightings:
     """Finds the axis across each section of the column in each view; see `Profile`.
 
     Where the pixels there do not speak for a plume, nothing was sighted: silence before a
@@ -53,14 +53,15 @@ def sight_axis(views: Views, column: PlumeColumn, away: int = 0) -> AxisSighting
     Args:
         views: The evidence.
         column: The column.
-        away: As of `AxisSightings`, where it is known; 0: as these views show it.
+        bending_sign: As of `AxisSightings`, where it is known; 0: as these views show it.
     """
-    profiles = _profiles(views, column)
-    if away == 0:
-        away = 1 if sum(profile.turn_near for _, profile in profiles) >= 0 else -1
-    found = [(i, p, sighted) for i, p in profiles if (sighted := p.sighted(away)) is not None]
+    profiles = _measure_profiles(views, column)
+    if bending_sign == 0:
+        bending_sign = 1 if sum(profile.reversal_near_axis for _, profile in profiles) >= 0 else -1
+    located = [(i, profile, profile.locate_axis(bending_sign)) for i, profile in profiles]
+    found = [(i, profile, place) for i, profile, place in located if place is not None]
     view = np.array([i for i, _, _ in found], dtype=np.int64)
-    places = np.reshape([sighted for _, _, sighted in found], (-1, 2))
+    places = np.reshape([place for _, _, place in found], (-1, 2))
     derivatives = np.reshape([profile.derivatives for _, profile, _ in found], (-1, 8))
     return AxisSightings(
         view=view,
@@ -70,52 +71,52 @@ def sight_axis(views: Views, column: PlumeColumn, away: int = 0) -> AxisSighting
         sigma_px=places[:, 1],
         by_shift=derivatives[:, :2],
         by_pose=derivatives[:, 2:],
-        away=np.full(len(found), away),
+        bending_sign=np.full(len(found), bending_sign),
     )
 
 
-def bends_away(views: Views, column: PlumeColumn) -> int:
+def find_bending_sign(views: Views, column: PlumeColumn) -> int:
     """1 where the column bends light away from its axis, -1 where towards it.
 
     0 where too few views show it, or fewer than nine in ten say the same.
     """
     by_view: dict[int, float] = {}
-    for i, profile in _profiles(views, column):
-        by_view[i] = by_view.get(i, 0.0) + profile.turn_near
+    for i, profile in _measure_profiles(views, column):
+        by_view[i] = by_view.get(i, 0.0) + profile.reversal_near_axis
     turns = np.array(list(by_view.values()))
-    for away in (1, -1):
-        alike = np.count_nonzero(away * turns > 0)
+    for sign in (1, -1):
+        alike = np.count_nonzero(sign * turns > 0)
         if alike >= max(FEWEST_AGREEING, AGREEING_SHARE * len(turns)):
-            return away
+            return sign
     return 0
 
 
-def _profiles(views: Views, column: PlumeColumn) -> list[tuple[int, Profile]]:
+def _measure_profiles(views: Views, column: PlumeColumn) -> list[tuple[int, Profile]]:
     """Every section of the column in each view that saw it, with the row of the view."""
-    core = _core(views, column)
+    core = _core_evidence(views, column)
     middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
     sections = column.height * (low + (high - low) * middles)
-    saw = np.flatnonzero(score(views, column.alone)[:, 0] > VIEW_SAW_NATS)
+    saw = np.flatnonzero(score_columns(views, column.alone)[:, 0] > VIEW_SAW_NATS)
     looked = [
-        (int(i), look_across(views, core, int(i), column, heights))
+        (int(i), measure_profile(views, core, int(i), column, heights))
         for i in saw
         for heights in sections
     ]
     return [(i, profile) for i, profile in looked if profile is not None]
 
 
-def _core(views: Views, column: PlumeColumn) -> FloatMap:
+def _core_evidence(views: Views, column: PlumeColumn) -> FloatMap:
     """(V, H, W) the evidence, less of it where light is bent less than in most of the column.
 
     Around a strong plume the air is bent little and far to one side, which speaks for refraction as
     much as the middle does, but is not where the axis is.
     """
-    inside = covered(views, column)
+    inside = supporting_pixels(views, column)
     llr = views.llr.copy()
     for i in np.flatnonzero(inside.sum(axis=(1, 2)) >= FEWEST_COVERED):
-        most = np.percentile(views.bent_px[i][inside[i]], CORE_PERCENTILE)
+        most = np.percentile(views.bending_px[i][inside[i]], CORE_PERCENTILE)
         if most > 0:
-            share = np.minimum(1, views.bent_px[i] / most)
+            share = np.minimum(1, views.bending_px[i] / most)
             llr[i] = np.where(llr[i] > 0, llr[i] * share, llr[i])
     return llr

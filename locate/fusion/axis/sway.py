@@ -23,10 +23,10 @@ from locate.fusion.axis.sightings import AxisSightings
 
 RATES = np.geomspace(0.005, 0.5, 7).tolist()
 GROWTHS = (0.5, 1.0, 2.0)
-IN_PROPORTION = 1.0
+PROPORTIONAL_GROWTH = 1.0
 INFLATIONS = (0.25, 0.5, 1.0, 2.0)
-SHARES_ALIKE = (0.0, 0.9)
-ALIKE_OF_NEIGHBOURS = 0.8
+SHARED_PARTS = (0.0, 0.9)
+NEIGHBOUR_CORRELATION = 0.8
 PERSISTENCES = 4
 NEAREST_UNITS = 0.02
 BEND = 0.3
@@ -44,21 +44,21 @@ class Sway:
             neighbouring views has wrong alike, for those near in time and height; the bend.
         sigma_px: (N,) of what is each sighting's own; large for outliers.
         inflation: Of the sightings' own sigmas, outliers apart.
-        share_alike: Of their variance that neighbouring views have in common.
+        shared_part: Of their variance that neighbouring views have in common.
         rate: Posterior mean of the sway's standard deviation per unit of height.
         persistence_s: Posterior (geometric) mean of the time over which it is correlated.
-        plausible: All that could explain the sightings.
+        hypotheses: All that could explain the sightings.
     """
 
     covariance_px2: FloatArray
     sigma_px: FloatArray
     inflation: float
-    share_alike: float
+    shared_part: float
     rate: float
     persistence_s: float
-    plausible: tuple["Explanation", ...]
+    hypotheses: tuple["SwayHypothesis", ...]
 
-    def again(self, sightings: AxisSightings, origin: float, unit: float) -> "Sway":
+    def applied_to(self, sightings: AxisSightings, origin: float, unit: float) -> "Sway":
         """The same sway as other sightings of the plume scatter by it.
 
         Args:
@@ -66,29 +66,29 @@ class Sway:
             origin: Height of the source above the column's lowest point.
             unit: The yardstick of fusion, world units.
         """
-        shape = _shape(sightings, origin, unit, self.persistence_s, IN_PROPORTION)
-        alike = self.inflation**2 * self.share_alike * _alike(sightings)
-        own = self.inflation * np.sqrt(1 - self.share_alike)
+        shape = _sway_covariance(sightings, origin, unit, self.persistence_s, PROPORTIONAL_GROWTH)
+        alike = self.inflation**2 * self.shared_part * _shared_covariance(sightings)
+        own = self.inflation * np.sqrt(1 - self.shared_part)
         return replace(
             self,
-            covariance_px2=self.rate**2 * shape + alike + _bend(sightings, origin, unit),
+            covariance_px2=self.rate**2 * shape + alike + _bend_covariance(sightings, origin, unit),
             sigma_px=own * sightings.sigma_px,
         )
 
 
-class Explanation(NamedTuple):
+class SwayHypothesis(NamedTuple):
     """What sightings may scatter by; see `Sway`."""
 
     persistence_s: float
     growth: float
     rate: float
     inflation: float
-    share_alike: float
+    shared_part: float
 
     @property
-    def own(self) -> float:
+    def own_variance(self) -> float:
         """Variance of a sighting's own error, in units of the one it states."""
-        return self.inflation**2 * (1 - self.share_alike)
+        return self.inflation**2 * (1 - self.shared_part)
 
 
 def estimate_sway(
@@ -97,7 +97,7 @@ def estimate_sway(
     unit: float,
     poses_px2: FloatArray,
     prior: tuple[FloatArray, FloatArray],
-    among: Sequence[Explanation] = (),
+    hypotheses: Sequence[SwayHypothesis] = (),
 ) -> Sway:
     """The posterior mean of the sway's covariance, by restricted likelihood on a grid.
 
@@ -116,54 +116,56 @@ def estimate_sway(
         unit: The yardstick of fusion, world units.
         poses_px2: (N, N) covariance of the offsets due to the poses.
         prior: (4,) mean and (4, 4) information of the axis: x, y and slopes, as corrections.
-        among: What else could explain them need not be tried; nothing: all is.
+        hypotheses: What else could explain them need not be tried; nothing: all is.
     """
-    grid = list(among) or _explanations(sightings.time_s)
-    alike, bend = _alike(sightings), _bend(sightings, origin, unit)
+    grid = list(hypotheses) or _all_hypotheses(sightings.time_s)
+    alike, bend = _shared_covariance(sightings), _bend_covariance(sightings, origin, unit)
     shapes = {
-        (t, growth): _shape(sightings, origin, unit, t, growth)
+        (t, growth): _sway_covariance(sightings, origin, unit, t, growth)
         for t, growth in {(e.persistence_s, e.growth) for e in grid}
     }
 
-    def common(e: Explanation) -> FloatArray:
+    def common(e: SwayHypothesis) -> FloatArray:
         sway = e.rate**2 * shapes[e.persistence_s, e.growth]
-        return np.asarray(sway + e.inflation**2 * e.share_alike * alike + bend)
+        return np.asarray(sway + e.inflation**2 * e.shared_part * alike + bend)
 
     stated = sightings.sigma_px**2
     weight = np.ones(len(sightings))
     for turn in range(ROBUST_TURNS):
         fits = [
-            _Fit(sightings, common(e) + poses_px2 + np.diag(e.own * stated / weight), prior)
+            _AxisFit(
+                sightings, common(e) + poses_px2 + np.diag(e.own_variance * stated / weight), prior
+            )
             for e in grid
         ]
         nats = np.array([fit.log_likelihood for fit in fits])
         if turn + 1 < ROBUST_TURNS:
             best = int(np.argmax(nats))
-            weight = fits[best].student_weight(grid[best].own * stated, weight)
+            weight = fits[best].student_weights(grid[best].own_variance * stated, weight)
         if turn + 2 == ROBUST_TURNS:
             grid = [grid[k] for k in np.flatnonzero(nats > nats[best] - NEGLIGIBLE_NATS)]
     share = np.exp(nats - nats.max())
     share /= share.sum()
-    mean = Explanation(*(share @ np.array(grid)))
+    mean = SwayHypothesis(*(share @ np.array(grid)))
     inflation2 = float(share @ [e.inflation**2 for e in grid])
-    own = float(share @ [e.own for e in grid])
+    own = float(share @ [e.own_variance for e in grid])
     return Sway(
         covariance_px2=sum((p * common(e) for p, e in zip(share, grid, strict=True)), 0 * alike),
         sigma_px=np.sqrt(own * stated / weight),
         inflation=float(np.sqrt(inflation2)),
-        share_alike=1 - own / inflation2,
+        shared_part=1 - own / inflation2,
         rate=mean.rate,
         persistence_s=float(np.exp(share @ [np.log(e.persistence_s) for e in grid])),
-        plausible=tuple(grid),
+        hypotheses=tuple(grid),
     )
 
 
-def _explanations(time_s: FloatArray) -> list[Explanation]:
-    every = product(_persistences(time_s), GROWTHS, RATES, INFLATIONS, SHARES_ALIKE)
-    return [Explanation(*e) for e in every]
+def _all_hypotheses(time_s: FloatArray) -> list[SwayHypothesis]:
+    every = product(_persistences_to_try(time_s), GROWTHS, RATES, INFLATIONS, SHARED_PARTS)
+    return [SwayHypothesis(*e) for e in every]
 
 
-def _persistences(time_s: FloatArray) -> list[float]:
+def _persistences_to_try(time_s: FloatArray) -> list[float]:
     """From half the time between two views, where sway is noise, to twice the whole recording.
 
     Views of one instant see one sway, however long it lasts.
@@ -175,11 +177,11 @@ def _persistences(time_s: FloatArray) -> list[float]:
     return [float(t) for t in np.geomspace(shortest, longest, PERSISTENCES)]
 
 
-def _shape(
+def _sway_covariance(
     sightings: AxisSightings, origin: float, unit: float, persistence_s: float, growth: float
 ) -> FloatArray:
     """(N, N) covariance of the offsets, px^2, for a rate of one."""
-    height = _above(sightings, origin, unit)
+    height = _heights_above_source(sightings, origin, unit)
     low, high = np.minimum.outer(height, height), np.maximum.outer(height, height)
     apart_s = np.abs(np.subtract.outer(sightings.time_s, sightings.time_s))
     lean = sightings.by_shift @ sightings.by_shift.T
@@ -187,31 +189,31 @@ def _shape(
     return np.asarray(lean * in_height * np.exp(-apart_s / persistence_s))
 
 
-def _bend(sightings: AxisSightings, origin: float, unit: float) -> FloatArray:
+def _bend_covariance(sightings: AxisSightings, origin: float, unit: float) -> FloatArray:
     """(N, N) covariance of the offsets, px^2, by a mean path that is a parabola.
 
     It leaves the source along the axis; `BEND` is the standard deviation of how far it is off the
     axis at the highest sighting, per unit of height.
     """
-    height = _above(sightings, origin, unit)
+    height = _heights_above_source(sightings, origin, unit)
     lean = sightings.by_shift @ sightings.by_shift.T
     return np.asarray((BEND * np.outer(height, height) / height.max()) ** 2 * lean)
 
 
-def _above(sightings: AxisSightings, origin: float, unit: float) -> FloatArray:
+def _heights_above_source(sightings: AxisSightings, origin: float, unit: float) -> FloatArray:
     """(N,) heights above the source."""
     return np.maximum(sightings.height - origin, NEAREST_UNITS * unit)
 
 
-def _alike(sightings: AxisSightings) -> FloatArray:
+def _shared_covariance(sightings: AxisSightings) -> FloatArray:
     """(N, N) covariance of the stated errors, px^2, were they shared with the views next to it."""
     apart = np.abs(np.subtract.outer(sightings.view, sightings.view))
     same_section = np.equal.outer(sightings.height, sightings.height)
     stated = np.outer(sightings.sigma_px, sightings.sigma_px)
-    return np.asarray(stated * same_section * ALIKE_OF_NEIGHBOURS**apart)
+    return np.asarray(stated * same_section * NEIGHBOUR_CORRELATION**apart)
 
 
-class _Fit:
+class _AxisFit:
     """Generalised least squares of a straight axis through offsets of a known covariance."""
 
     def __init__(
@@ -224,7 +226,7 @@ class _Fit:
         design = design_matrix(sightings)
         self._residual = sightings.offset_px - design @ mean
         self._root = np.linalg.cholesky(covariance_px2)
-        self._whitened = self._white(np.column_stack([design, self._residual]))
+        self._whitened = self._whiten(np.column_stack([design, self._residual]))
         normal = self._whitened[:, :4].T @ self._whitened[:, :4] + information
         right = self._whitened[:, :4].T @ self._whitened[:, 4]
         self._normal = normal
@@ -233,13 +235,13 @@ class _Fit:
         determinants = 2 * np.log(np.diag(self._root)).sum() + np.linalg.slogdet(normal)[1]
         self.log_likelihood = float(-0.5 * (determinants + misfit))
 
-    def _white(self, columns: FloatArray) -> FloatArray:
+    def _whiten(self, columns: FloatArray) -> FloatArray:
         return np.asarray(solve_triangular(self._root, columns, lower=True, check_finite=False))
 
-    def student_weight(self, own_px2: FloatArray, weight: FloatArray) -> FloatArray:
+    def student_weights(self, own_px2: FloatArray, weight: FloatArray) -> FloatArray:
         """(N,) weights, at most 1, by how far each sighting lies from what all others predict."""
         gain = np.linalg.solve(self._normal, self._whitened[:, :4].T)
-        inverse_root = self._white(np.eye(len(own_px2)))
+        inverse_root = self._whiten(np.eye(len(own_px2)))
         keep = np.eye(len(own_px2)) - self._whitened[:, :4] @ gain
         precision = inverse_root.T @ keep @ inverse_root
         left_out = (precision @ self._residual) / np.diag(precision)

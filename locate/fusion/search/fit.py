@@ -19,57 +19,59 @@ from locate.fusion.search.columns import (
 )
 from locate.fusion.search.proposals import SEPARATION_UNITS
 
-WHOLE = range(18)
-COARSE, FINE = WHOLE[:8], WHOLE[8:]
+ALL_ROUNDS = range(18)
+COARSE_ROUNDS, FINE_ROUNDS = ALL_ROUNDS[:8], ALL_ROUNDS[8:]
 DRAWS, SHRINK = 40, 0.87
 SURVIVORS = 8
-STEP_UNITS = np.array([0.2, 0.2, 0.2, 0.12, 0.12, 0.5, 0.06, 0.05])
+SEARCH_STEP_UNITS = np.array([0.2, 0.2, 0.2, 0.12, 0.12, 0.5, 0.06, 0.05])
 RADIUS_UNITS = (0.05, 0.4)
 HEIGHT_UNITS = (0.5, 5.0)
 STEEPEST = 0.6
 OPENINGS = (0.02, 0.35)
 LENGTHS = (X, Y, Z, HEIGHT, RADIUS)
 
-Worth = Callable[[Columns], FloatArray]
+Objective = Callable[[Columns], FloatArray]
 
 
-def fit_columns(worth: Worth, starts: Columns, unit: float, rng: np.random.Generator) -> Columns:
+def fit_columns(
+    objective: Objective, starts: Columns, unit: float, rng: np.random.Generator
+) -> Columns:
     """The distinct columns that the starts end in, best first.
 
     Those that end close to a better one are left out already after the first coarse rounds.
 
     Args:
-        worth: What is made as large as possible.
+        objective: What is made as large as possible.
         starts: Where the search begins.
         unit: The yardstick of fusion, world units.
         rng: Of the search.
     """
-    columns, value = climb(worth, starts, unit, rng, turns=COARSE)
-    columns = distinct(columns.take(np.argsort(-value)), unit).take(slice(SURVIVORS))
-    columns, value = climb(worth, columns, unit, rng, turns=FINE)
-    return distinct(columns.take(np.argsort(-value)), unit)
+    columns, value = random_search(objective, starts, unit, rng, rounds=COARSE_ROUNDS)
+    columns = drop_duplicates(columns.take(np.argsort(-value)), unit).take(slice(SURVIVORS))
+    columns, value = random_search(objective, columns, unit, rng, rounds=FINE_ROUNDS)
+    return drop_duplicates(columns.take(np.argsort(-value)), unit)
 
 
-def climb(
-    worth: Worth,
+def random_search(
+    objective: Objective,
     starts: Columns,
     unit: float,
     rng: np.random.Generator,
     *,
-    turns: range = WHOLE,
+    rounds: range = ALL_ROUNDS,
 ) -> tuple[Columns, FloatArray]:
     """The N columns that N starts end in, each by itself, and what they are worth.
 
     The opening angle stays free: held fixed, the fit slides towards the cameras.
     """
-    columns = clipped(starts.array, unit)
-    best = worth(Columns(columns))
+    columns = clip_to_bounds(starts.array, unit)
+    best = objective(Columns(columns))
     rows = np.arange(len(columns))
-    for turn in turns:
-        step = steps(unit) * SHRINK**turn
+    for round_number in rounds:
+        step = search_steps(unit) * SHRINK**round_number
         tried = np.repeat(columns, DRAWS, axis=0)
-        tried = clipped(tried + rng.normal(size=tried.shape) * step, unit)
-        value = worth(Columns(tried)).reshape(len(columns), DRAWS)
+        tried = clip_to_bounds(tried + rng.normal(size=tried.shape) * step, unit)
+        value = objective(Columns(tried)).reshape(len(columns), DRAWS)
         pick = value.argmax(axis=1)
         better = value[rows, pick] > best
         columns[better] = tried.reshape(len(columns), DRAWS, 8)[rows, pick][better]
@@ -77,14 +79,14 @@ def climb(
     return Columns(columns), best
 
 
-def steps(unit: float) -> FloatArray:
+def search_steps(unit: float) -> FloatArray:
     """(8,) how far the first round of a search tries to either side."""
     scale = np.ones(8)
     scale[list(LENGTHS)] = unit
-    return np.asarray(STEP_UNITS * scale)
+    return np.asarray(SEARCH_STEP_UNITS * scale)
 
 
-def clipped(columns: FloatArray, unit: float) -> FloatArray:
+def clip_to_bounds(columns: FloatArray, unit: float) -> FloatArray:
     """The nearest (N, 8) columns that a plume may have."""
     near = columns.copy()
     near[:, [SLOPE_X, SLOPE_Y]] = near[:, [SLOPE_X, SLOPE_Y]].clip(-STEEPEST, STEEPEST)
@@ -94,7 +96,7 @@ def clipped(columns: FloatArray, unit: float) -> FloatArray:
     return near
 
 
-def distinct(columns: Columns, unit: float) -> Columns:
+def drop_duplicates(columns: Columns, unit: float) -> Columns:
     """Drops every column whose axis passes close to that of an earlier, better one.
 
     Two axes are one plume where they come nearer than `SEPARATION_UNITS` at some height that

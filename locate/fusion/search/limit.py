@@ -6,11 +6,11 @@ from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
 from detect.response import Response
 from geometry.arrays import FloatMap
 from locate.fusion.search.columns import HEIGHT, OPENING, RADIUS, Columns, X, Z
-from locate.fusion.search.score import agreed, score
+from locate.fusion.search.score import clipped_sum, score_columns
 from locate.fusion.views import Views
 
 AMPLITUDES_PX = np.geomspace(0.03, 3.0, 14)
-PLACES = 96
+RANDOM_COLUMNS = 96
 RADIUS_UNITS, USUAL_OPENING, HEIGHT_UNITS = 0.15, 0.1, 1.5
 SHARE_SEEN = 0.5
 FEWEST_VIEWS = 2.0
@@ -39,28 +39,28 @@ def detection_limit_px(
         px of the original frames, or None where even the largest of `AMPLITUDES_PX` would not
         have been seen.
     """
-    columns = _places(views, np.random.default_rng(seed))
-    looked_at = views.saying(np.ones_like(views.llr))
-    coverage = score(looked_at, columns)
+    columns = _random_columns(views, np.random.default_rng(seed))
+    observed = views.with_evidence(np.ones_like(views.llr))
+    coverage = score_columns(observed, columns)
     columns = columns.take((coverage > 0.2 * coverage.max()).sum(axis=0) >= FEWEST_VIEWS)
     if not len(columns):
         return None
     for amplitude in AMPLITUDES_PX:
-        expected = views.saying(expected_llr(views, float(amplitude), response))
-        nats = agreed(score(expected, columns))
+        expected = views.with_evidence(expected_llr(views, float(amplitude), response))
+        nats = clipped_sum(score_columns(expected, columns))
         if (nats > threshold_nats).mean() >= SHARE_SEEN:
             return float(amplitude)
     return None
 
 
-def _places(views: Views, rng: np.random.Generator) -> Columns:
+def _random_columns(views: Views, rng: np.random.Generator) -> Columns:
     """Columns between the cameras and what they look at."""
     background = views.background_in_world()
-    target = background[rng.integers(len(background), size=PLACES)]
+    target = background[rng.integers(len(background), size=RANDOM_COLUMNS)]
     centers = views.trajectory.centers_in_world
-    center = centers[rng.integers(len(centers), size=PLACES)]
-    share = rng.uniform(0.4, 0.8, (PLACES, 1))
-    columns = np.zeros((PLACES, 8))
+    center = centers[rng.integers(len(centers), size=RANDOM_COLUMNS)]
+    share = rng.uniform(0.4, 0.8, (RANDOM_COLUMNS, 1))
+    columns = np.zeros((RANDOM_COLUMNS, 8))
     columns[:, X : Z + 1] = center + share * (target - center)
     columns[:, Z] -= HEIGHT_UNITS * views.unit / 2
     columns[:, HEIGHT] = HEIGHT_UNITS * views.unit

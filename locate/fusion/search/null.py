@@ -17,8 +17,8 @@ from scipy.stats import gumbel_r
 from geometry.arrays import FloatArray
 from geometry.grid import Box
 from locate.fusion.search.fit import fit_columns
-from locate.fusion.search.proposals import STARTS, propose
-from locate.fusion.search.score import evidence
+from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
+from locate.fusion.search.score import column_evidence
 from locate.fusion.views import Views
 
 NULL_DRAWS = 12
@@ -54,10 +54,10 @@ class NullLevel:
         for draw in range(NULL_DRAWS):
             progress(draw / NULL_DRAWS)
             strongest.append(draw_strongest(views, box, rng))
-        return cls.fitted(strongest)
+        return cls.from_draws(strongest)
 
     @classmethod
-    def fitted(cls, strongest: Sequence[float]) -> Self:
+    def from_draws(cls, strongest: Sequence[float]) -> Self:
         """The Gumbel distribution with the mean and deviation of the draws."""
         draws = np.asarray(strongest, dtype=float)
         scale = max(float(draws.std(ddof=1)) * np.sqrt(6) / np.pi, SMALLEST_SCALE_NATS)
@@ -77,7 +77,7 @@ def draw_strongest(views: Views, box: Box, rng: np.random.Generator) -> float:
     """The strongest column of one volume in which the views agree on nothing, nats."""
     width = views.llr.shape[2]
     shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))
-    rolled = views.rolled([round(share * width) for share in shares])
-    proposals, _ = propose(rolled, box, most=STARTS)
-    columns = fit_columns(partial(evidence, rolled), proposals.columns, views.unit, rng)
-    return float(evidence(rolled, columns.take(slice(1))).max(initial=0.0))
+    rolled = views.rolled_sideways([round(share * width) for share in shares])
+    proposals, _ = propose_columns(rolled, box, most=MOST_PROPOSALS)
+    columns = fit_columns(partial(column_evidence, rolled), proposals.columns, views.unit, rng)
+    return float(column_evidence(rolled, columns.take(slice(1))).max(initial=0.0))

@@ -16,7 +16,7 @@ SLOPES = (-0.35, 0.0, 0.35)
 RADII_UNITS = (0.15, 0.3)
 SEPARATION_UNITS = 0.5
 OPENING_START = 0.1
-STARTS = 16
+MOST_PROPOSALS = 16
 FEWEST_VIEWS = 2.0
 
 
@@ -50,14 +50,14 @@ def best_interval(evidence: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
     return best, first, last
 
 
-def propose(views: Views, box: Box, *, most: int) -> tuple[Proposals, EvidenceGrid]:
+def propose_columns(views: Views, box: Box, *, most: int) -> tuple[Proposals, EvidenceGrid]:
     """The `most` strongest, well separated columns of the summed evidence."""
     unit = views.unit
     grid = sum_evidence(box, views.trajectory, views.llr, views.inverse_depth)
     found = [
         candidate
-        for sheared in _sheared(grid, unit)
-        for candidate in _peaks(*sheared, box=box, unit=unit, most=most)
+        for sheared in _shear_grid(grid, unit)
+        for candidate in _find_peaks(*sheared, box=box, unit=unit, most=most)
     ]
     found.sort(key=lambda pair: -pair[1])
     columns: list[PlumeColumn] = []
@@ -72,7 +72,7 @@ def propose(views: Views, box: Box, *, most: int) -> tuple[Proposals, EvidenceGr
     return Proposals(columns=Columns.of(columns), strength=np.array(strength)), grid
 
 
-def _sheared(
+def _shear_grid(
     grid: EvidenceGrid, unit: float
 ) -> Iterator[tuple[FloatMap, tuple[float, float], float]]:
     """The grid averaged over discs and sheared, so that slanted columns stand upright."""
@@ -90,7 +90,7 @@ def _sheared(
             yield sheared * np.float32(2 * radius), slope, radius
 
 
-def _peaks(
+def _find_peaks(
     sheared: FloatMap,
     slope: tuple[float, float],
     radius: float,

@@ -14,23 +14,26 @@ FOOTPRINT_SHARE = 0.85
 NEAREST_DEPTH_UNITS = 0.5
 EXPLAINED_RADII = 1.5
 AGREEING_VIEWS = 3
-SHARPNESS, LEAST_LOOKS = 0.75, 1e-6
+CONTRAST_EXPONENT = 0.75
+LEAST_SAMPLES = 1e-6
 SAMPLES_AT_ONCE = 100_000
 OUTSIDE_PX = -1e4
 
 
-def score(views: Views, columns: Columns, *, along: int = 14, across: int = 5) -> FloatArray:
-    """(V, N) evidence of each view for each column, nats; see `sums`."""
-    return sums(views, columns, along=along, across=across)[0]
+def score_columns(
+    views: Views, columns: Columns, *, along: int = 14, across: int = 5
+) -> FloatArray:
+    """(V, N) evidence of each view for each column, nats; see `sum_over_outlines`."""
+    return sum_over_outlines(views, columns, along=along, across=across)[0]
 
 
-def sums(
+def sum_over_outlines(
     views: Views, columns: Columns, *, along: int = 14, across: int = 5
 ) -> tuple[FloatArray, FloatArray]:
     """What each view says of each column.
 
     Sums over the column's outline (its side, foreshortened, and its end), gated by what can be seen
-    there, counted in independent looks.
+    there, counted in independent samples.
 
     Args:
         views: The evidence.
@@ -39,18 +42,18 @@ def sums(
         across: Samples across it.
 
     Returns:
-        (V, N) sum of the llr, nats, and (V, N) number of looks that say anything.
+        (V, N) sum of the llr, nats, and (V, N) number of samples that say anything.
     """
-    nats, looks = np.empty((2, len(views), len(columns)))
+    nats, samples = np.empty((2, len(views), len(columns)))
     if not len(columns):
-        return nats, looks
+        return nats, samples
     outlines = _Outlines.of(columns, along)
     across_axis = np.linspace(-1, 1, across, dtype=np.float32)
     at_once = max(1, SAMPLES_AT_ONCE // (len(columns) * along * across))
     for start in range(0, len(views), at_once):
         rows = slice(start, start + at_once)
-        nats[rows], looks[rows] = _sums_of(views, rows, outlines, across_axis)
-    return nats, looks
+        nats[rows], samples[rows] = _sum_in_views(views, rows, outlines, across_axis)
+    return nats, samples
 
 
 class _Outlines(NamedTuple):
@@ -81,10 +84,13 @@ class _Outlines(NamedTuple):
         )
 
 
-def _sums_of(
+def _sum_in_views(
     views: Views, rows: slice, outlines: _Outlines, across_axis: FloatMap
 ) -> tuple[FloatArray, FloatArray]:
-    """As `sums`, of some views; axes of arrays: view, sample across, sample along, column."""
+    """As `sum_over_outlines`, of some views.
+
+    Axes of arrays: view, sample across, sample along, column.
+    """
     points, half_widths, directions, slab = outlines
     focal = views.trajectory.camera.focal_px
     center_x, center_y = views.trajectory.camera.matrix[:2, 2]
@@ -100,8 +106,8 @@ def _sums_of(
     middle_y = (in_cam[:, 1] * scale + center_y).astype(np.float32)
     x = middle_x[:, None] + half_px.astype(np.float32)[:, None] * across_axis[:, None, None]
     y = np.repeat(middle_y[:, None], len(across_axis), axis=1)
-    llr = _looked_up(views.llr[rows], x, y, outside=0.0)
-    background = _looked_up(views.inverse_depth[rows], x, y, outside=np.nan)
+    llr = _sample_nearest(views.llr[rows], x, y, outside=0.0)
+    background = _sample_nearest(views.inverse_depth[rows], x, y, outside=np.nan)
     gate = lever_gate(depth.astype(np.float32)[:, None], background)
     facing = np.abs(np.einsum("vksn,vkn->vsn", in_cam, rotations @ directions))
     facing /= np.sqrt(np.einsum("vksn,vksn->vsn", in_cam, in_cam))
@@ -109,11 +115,11 @@ def _sums_of(
     area += np.pi * half_px**2 * facing / len(half_widths)
     area /= len(across_axis) * views.correlation_px2
     nats = ((llr * gate).sum(axis=1) * area).sum(axis=1)
-    looks = (((llr != 0) * gate).sum(axis=1) * area).sum(axis=1)
-    return nats, looks
+    samples = (((llr != 0) * gate).sum(axis=1) * area).sum(axis=1)
+    return nats, samples
 
 
-def _looked_up(maps: FloatMap, x: FloatMap, y: FloatMap, *, outside: float) -> FloatMap:
+def _sample_nearest(maps: FloatMap, x: FloatMap, y: FloatMap, *, outside: float) -> FloatMap:
     """(V, A, S, N) values of (V, H, W) maps at the pixels nearest to x and y."""
     views, across, along, columns = x.shape
     found = np.empty((views, across * along, columns), np.float32)
@@ -124,7 +130,7 @@ def _looked_up(maps: FloatMap, x: FloatMap, y: FloatMap, *, outside: float) -> F
     return found.reshape(x.shape)
 
 
-def agreed(nats: FloatArray) -> FloatArray:
+def clipped_sum(nats: FloatArray) -> FloatArray:
     """(N,) sum of (V, N) evidence in which no view counts for more than the third strongest.
 
     A column close to one camera fills its frame; without this its clutter alone would carry it.
@@ -134,28 +140,30 @@ def agreed(nats: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(nats, limit).sum(axis=0))
 
 
-def evidence(views: Views, columns: Columns) -> FloatArray:
+def column_evidence(views: Views, columns: Columns) -> FloatArray:
     """(N,) what all views together say for N columns, nats."""
-    return agreed(score(views, columns))
+    return clipped_sum(score_columns(views, columns))
 
 
-def stands_out(views: Views, columns: Columns) -> FloatArray:
+def column_contrast(views: Views, columns: Columns) -> FloatArray:
     """(N,) how clearly N columns stand out of what is around them, in no unit of note.
 
-    The sum over views of S / n^0.75, for S nats in n looks. It is largest for a plume's own
+    The sum over views of S / n^0.75, for S nats in n samples. It is largest for a plume's own
     outline: whatever says less than three quarters of the mean inside lessens it, so that a gap
     between plumes, where silence may speak too little against a column over all of them, does.
     """
-    nats, looks = sums(views, columns)
-    return agreed(np.maximum(nats, 0) / np.maximum(looks, LEAST_LOOKS) ** SHARPNESS)
+    nats, samples = sum_over_outlines(views, columns)
+    return clipped_sum(
+        np.maximum(nats, 0) / np.maximum(samples, LEAST_SAMPLES) ** CONTRAST_EXPONENT
+    )
 
 
-def covered(views: Views, column: PlumeColumn) -> BoolArray:
+def supporting_pixels(views: Views, column: PlumeColumn) -> BoolArray:
     """(V, H, W) the pixels inside a column's outline that speak for a plume."""
-    return np.asarray((views.llr > 0) & (without(views, column, radii=1.0).llr == 0))
+    return np.asarray((views.llr > 0) & (mask_out(views, column, radii=1.0).llr == 0))
 
 
-def without(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADII) -> Views:
+def mask_out(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADII) -> Views:
     """The views with the evidence inside a column's outline, `radii` wide, set to zero.
 
     What one plume explains must not speak for another.
@@ -175,4 +183,4 @@ def without(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADII
         sideways = np.stack([half, np.zeros_like(half)], axis=1)
         outline = np.concatenate([pixels[ahead] - sideways, (pixels[ahead] + sideways)[::-1]])
         cv2.fillPoly(llr[i], [np.rint(outline).astype(np.int32)], 0.0)
-    return views.saying(llr)
+    return views.with_evidence(llr)

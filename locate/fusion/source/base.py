@@ -14,7 +14,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.grid import lever
 from locate.fusion.search.columns import PlumeColumn
-from locate.fusion.search.score import score
+from locate.fusion.search.score import score_columns
 from locate.fusion.views import Views
 
 STEP_UNITS = 0.02
@@ -27,25 +27,25 @@ FEWEST_CONTACTS = 2
 MEDIAN_SPREAD = 1.2533  # of a median against a mean, for normal errors
 INDEPENDENT_VIEWS = 0.5
 SURFACE_PRIOR = 0.9
-LOOK_CORRELATION = 0.3
+INDEPENDENT_SHARE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Base:
+class PlumeBase:
     """The beginning of a plume along its axis.
 
     Attributes:
         height: Of the source above the column's lowest point, along world Z; often negative.
         sigma: Its standard deviation, world units.
-        lowest_seen: Height where evidence begins.
-        highest_seen: Height where it ends.
+        evidence_low: Height where evidence begins.
+        evidence_high: Height where it ends.
         hidden: Something nearer covers the lower end in most views.
     """
 
     height: float
     sigma: float
-    lowest_seen: float
-    highest_seen: float
+    evidence_low: float
+    evidence_high: float
     hidden: bool
 
 
@@ -66,16 +66,16 @@ class Contact:
     hidden: bool
 
 
-def locate_base(views: Views, column: PlumeColumn) -> Base:
+def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
     """The posterior mean and sigma of the source's height, given the evidence along the axis."""
     step = STEP_UNITS * views.unit
     heights = np.arange(-REACH_BELOW_UNITS * views.unit, column.height + views.unit, step)
-    evidence = score(views, column.slabs(heights, step), along=1).sum(axis=0)
-    low, high = _seen_interval(heights, evidence)
+    evidence = score_columns(views, column.slabs(heights, step), along=1).sum(axis=0)
+    low, high = _evidence_interval(heights, evidence)
     contact = find_contact(views, column, heights[heights <= (low + high) / 2], step)
     inside = (heights >= contact.height) & (heights <= (low + high) / 2)
     candidates = np.concatenate([[contact.height], heights[inside]])
-    above = np.cumsum(evidence[::-1])[::-1] * LOOK_CORRELATION
+    above = np.cumsum(evidence[::-1])[::-1] * INDEPENDENT_SHARE
     likelihood = np.interp(candidates, heights, above)
     uniform = (1 - SURFACE_PRIOR) / max(len(candidates) - 1, 1)
     at_surface = SURFACE_PRIOR if contact.found else uniform
@@ -85,16 +85,16 @@ def locate_base(views: Views, column: PlumeColumn) -> Base:
     mean = float(weight @ candidates)
     variance = float(weight @ (candidates - mean) ** 2)
     variance += float(weight[0]) * contact.sigma**2 + float(weight[1:].sum()) * step**2 / 12
-    return Base(
+    return PlumeBase(
         height=mean,
         sigma=float(np.sqrt(variance)),
-        lowest_seen=low,
-        highest_seen=high,
+        evidence_low=low,
+        evidence_high=high,
         hidden=contact.hidden,
     )
 
 
-def _seen_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float, float]:
+def _evidence_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float, float]:
     """The run of heights with the largest summed evidence."""
     cumulative = np.concatenate([[0.0], np.cumsum(evidence)])
     lowest_so_far = np.minimum.accumulate(cumulative[:-1])
@@ -122,7 +122,7 @@ def find_contact(views: Views, column: PlumeColumn, heights: FloatArray, step: f
     contacts: list[float] = []
     covers: list[float] = []
     for i in range(len(views)):
-        levers = _levers(views, i, points)
+        levers = _axis_levers(views, i, points)
         behind = np.flatnonzero(levers <= CONTACT_LEVER)
         if not len(behind) or behind[-1] + 1 >= len(levers):
             continue
@@ -137,7 +137,7 @@ def find_contact(views: Views, column: PlumeColumn, heights: FloatArray, step: f
         past_the_cover = float(np.median(covers)) - COVER_EDGE_UNITS * views.unit
         contacts = [contact for contact in contacts if contact < past_the_cover]
     if len(contacts) < FEWEST_CONTACTS:
-        lowest = max(heights[0], min(views.floor - column.lowest_z, heights[-1]))
+        lowest = max(heights[0], min(views.lowest_background - column.lowest_z, heights[-1]))
         return Contact(height=float(lowest), sigma=step, found=False, hidden=hidden)
     crossings = np.array(contacts)
     height = float(np.median(crossings))
@@ -158,7 +158,7 @@ def _edge_lever(levers: FloatArray, j: int) -> float:
     return float(continued if np.isfinite(continued) else levers[j])
 
 
-def _levers(views: Views, i: int, points: FloatArray) -> FloatArray:
+def _axis_levers(views: Views, i: int, points: FloatArray) -> FloatArray:
     """(S,) lever of axis points in one view; NaN outside the frame."""
     in_cam = views.trajectory.world_to_cam(i, points)
     pixel = np.rint(views.trajectory.camera.project(in_cam))

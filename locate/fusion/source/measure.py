@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
-from locate.fusion.axis.graph import AxisEstimate, agreeing, averaged, estimate_axis
-from locate.fusion.axis.sightings import VIEW_SAW_NATS, bends_away, sight_axis
-from locate.fusion.axis.sway import Explanation
+from locate.fusion.axis.graph import AxisEstimate, average_axes, estimate_axis, mark_consistent
+from locate.fusion.axis.sightings import VIEW_SAW_NATS, find_bending_sign, sight_axis
+from locate.fusion.axis.sway import SwayHypothesis
 from locate.fusion.search.columns import Columns, PlumeColumn
-from locate.fusion.search.fit import WHOLE, climb, steps
-from locate.fusion.search.score import evidence, score
+from locate.fusion.search.fit import ALL_ROUNDS, random_search, search_steps
+from locate.fusion.search.score import column_evidence, score_columns
 from locate.fusion.source.base import locate_base
 from locate.fusion.views import Views
 from locate.map.plume import Plume
@@ -28,49 +28,51 @@ def find_axis(
     column: PlumeColumn,
     rng: np.random.Generator,
     *,
-    turns: range = WHOLE,
+    rounds: range = ALL_ROUNDS,
 ) -> tuple[PlumeColumn, AxisEstimate] | None:
     """The column where it really stands, and its axis; None where too few views see it.
 
     Columns of quite another shape explain the evidence nearly as well, and have their axis sighted
     elsewhere. So the axis is the mean over several searches from about the column, those that
     strayed left out, and its covariance holds their scatter (Rubin, Multiple Imputation, 1987,
-    without the small-sample term). The column is the one that most speaks for. `turns` of the
+    without the small-sample term). The column is the one that most speaks for. `rounds` of the
     search: fewer stay nearer.
     """
-    starts = column.array + rng.normal(size=(SEARCHES, 8)) * steps(views.unit)
+    starts = column.array + rng.normal(size=(SEARCHES, 8)) * search_steps(views.unit)
     starts[0] = column.array
-    columns, _ = climb(partial(evidence, views), Columns(starts), views.unit, rng, turns=turns)
+    columns, _ = random_search(
+        partial(column_evidence, views), Columns(starts), views.unit, rng, rounds=rounds
+    )
     seen: list[tuple[PlumeColumn, AxisEstimate]] = []
     for each in columns:
-        refined = refine_axis(views, each, seen[0][1].sway.plausible if seen else ())
+        refined = refine_axis(views, each, seen[0][1].sway.hypotheses if seen else ())
         if refined is not None:
             seen.append(refined)
     if not seen:
         return None
-    seen = [seen[k] for k in np.flatnonzero(agreeing([axis for _, axis in seen]))]
-    nats = evidence(views, Columns.of([each for each, _ in seen]))
+    seen = [seen[k] for k in np.flatnonzero(mark_consistent([axis for _, axis in seen]))]
+    nats = column_evidence(views, Columns.of([each for each, _ in seen]))
     seen = [seen[k] for k in np.argsort(-nats, kind="stable")]
-    return seen[0][0], averaged([axis for _, axis in seen])
+    return seen[0][0], average_axes([axis for _, axis in seen])
 
 
 def refine_axis(
-    views: Views, column: PlumeColumn, among: Sequence[Explanation] = ()
+    views: Views, column: PlumeColumn, hypotheses: Sequence[SwayHypothesis] = ()
 ) -> tuple[PlumeColumn, AxisEstimate] | None:
     """Sights the axis and solves for it in turns; None where too few views see it.
 
-    The sway is looked for `among` these (nothing: all), then among what is left of them.
+    The sway is looked for among these (nothing: all), then among what is left of them.
     """
     axis = None
     for _ in range(REFINEMENTS):
         sightings = sight_axis(views, column)
         origin = locate_base(views, column).height
         axis = estimate_axis(
-            views.trajectory, column, sightings, views.unit, origin=origin, among=among
+            views.trajectory, column, sightings, views.unit, origin=origin, hypotheses=hypotheses
         )
         if axis is None:
             return None
-        among = axis.sway.plausible
+        hypotheses = axis.sway.hypotheses
         column = column.on_line(axis.line)
     return None if axis is None else (column, axis)
 
@@ -83,7 +85,7 @@ def locate_source(
     An axis that stands a little elsewhere may meet another surface, or none; so the base is
     sought along several lines that the sightings allow.
     """
-    candidates = [column.on_line(line) for line in axis.spread()]
+    candidates = [column.on_line(line) for line in axis.cubature_lines()]
     bases = [locate_base(views, candidate) for candidate in candidates]
     heights = np.array([[base.height] for base in bases])
     points = Columns.of(candidates).axis_points(heights)[:, 0]
@@ -92,14 +94,16 @@ def locate_source(
     return points.mean(axis=0), covariance
 
 
-def measured(views: Views, column: PlumeColumn, axis: AxisEstimate, false_alarm: float) -> Plume:
+def measure_plume(
+    views: Views, column: PlumeColumn, axis: AxisEstimate, false_alarm: float
+) -> Plume:
     """The plume that a column with this axis is."""
     base = locate_base(views, column)
     source, covariance = locate_source(views, column, axis)
-    heights = np.linspace(base.lowest_seen, base.highest_seen, RADIUS_SAMPLES)
+    heights = np.linspace(base.evidence_low, base.evidence_high, RADIUS_SAMPLES)
     radii = column.radius + column.opening * np.clip(heights, 0, None)
     distances = (heights - (source[2] - axis.lowest)) * np.linalg.norm(axis.rise)
-    saw = score(views, column.alone)[:, 0] > VIEW_SAW_NATS
+    saw = score_columns(views, column.alone)[:, 0] > VIEW_SAW_NATS
     return Plume(
         id=0,
         source=source,
@@ -109,16 +113,16 @@ def measured(views: Views, column: PlumeColumn, axis: AxisEstimate, false_alarm:
         extent_low=float(distances[0]),
         extent_high=float(distances[-1]),
         radius_by_height=np.column_stack([distances, radii]),
-        evidence_nats=float(evidence(views, column.alone)[0]),
+        evidence_nats=float(column_evidence(views, column.alone)[0]),
         probability=1 - false_alarm,
         views=tuple(int(index) for index in views.trajectory.indices[saw]),
-        displacement_px=_displacement(views, column, np.flatnonzero(saw)),
+        displacement_px=_mean_displacement_px(views, column, np.flatnonzero(saw)),
         source_hidden=base.hidden,
-        refractive_index=REFRACTIVE_INDEX[bends_away(views, column.on_line(axis.line))],
+        refractive_index=REFRACTIVE_INDEX[find_bending_sign(views, column.on_line(axis.line))],
     )
 
 
-def _displacement(views: Views, column: PlumeColumn, rows: IntArray) -> float:
+def _mean_displacement_px(views: Views, column: PlumeColumn, rows: IntArray) -> float:
     """Mean displacement along the axis in the views of these rows, px of the original frames.
 
     0 where no row shows it.

@@ -14,8 +14,8 @@ from detect.detection import Detection
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
 from locate.fusion.search.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
-from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected
-from locate.fusion.still_camera.temporal_coherence import find_lasting
+from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected_parts
+from locate.fusion.still_camera.temporal_coherence import find_coherent_regions
 from locate.fusion.views import FUSION_WIDTH_PX, correlation_area
 from locate.map.plume import Bearing
 
@@ -25,7 +25,7 @@ BASE_SHARE = 0.1
 EDGE_SIGMA_PX = 2.0
 
 
-class FromRest(NamedTuple):
+class StillCameraResult(NamedTuple):
     """What a camera at rest shows: bearings, strongest first, and notes on what limits them."""
 
     bearings: tuple[Bearing, ...]
@@ -36,37 +36,39 @@ def find_bearings(
     detections: Sequence[Detection],
     camera: Camera,
     *,
-    in_a_row: Sequence[GreyImage] = (),
+    consecutive: Sequence[GreyImage] = (),
     seed: int = 0,
-) -> FromRest:
+) -> StillCameraResult:
     """Regions of evidence that chance does not make.
 
     Args:
         detections: Of frames by one camera at rest.
         camera: The pinhole that took them.
-        in_a_row: Frames of it that follow each other closely; too few say nothing.
+        consecutive: Frames of it that follow each other closely; too few say nothing.
         seed: Of the random shifts and orders of the nulls.
     """
     small = camera.scaled(min(1.0, FUSION_WIDTH_PX / camera.width))
     rng = np.random.default_rng(seed)
-    lasting = find_lasting(in_a_row, (small.width, small.height), rng)
-    known = np.any([lasting.springing, *(region.mask for region in lasting.regions)], axis=0)
-    others = [r for r in _in_frames(detections, small, rng) if not (r.mask & known).any()]
-    bearings = [_bearing(region, small) for region in (*lasting.regions, *others)]
+    coherent = find_coherent_regions(consecutive, (small.width, small.height), rng)
+    known = np.any([coherent.oscillating, *(region.mask for region in coherent.regions)], axis=0)
+    others = [r for r in _find_in_frames(detections, small, rng) if not (r.mask & known).any()]
+    bearings = [_to_bearing(region, small) for region in (*coherent.regions, *others)]
     bearings.sort(key=lambda bearing: -bearing.evidence_nats)
-    return FromRest(tuple(bearings), lasting.notes)
+    return StillCameraResult(tuple(bearings), coherent.notes)
 
 
-def _in_frames(
+def _find_in_frames(
     detections: Sequence[Detection], camera: Camera, rng: np.random.Generator
 ) -> list[Region]:
     """Regions of positive mean evidence."""
     size = (camera.width, camera.height)
     llr = np.stack([cv2.resize(d.llr, size, interpolation=cv2.INTER_AREA) for d in detections])
-    looks = correlation_area(llr)
-    null = NullLevel.fitted([_shuffled_strongest(llr, looks, rng) for _ in range(NULL_DRAWS)])
+    samples = correlation_area(llr)
+    null = NullLevel.from_draws(
+        [_strongest_by_chance(llr, samples, rng) for _ in range(NULL_DRAWS)]
+    )
     found = []
-    for mask, nats in _evident(llr, looks):
+    for mask, nats in _evident_regions(llr, samples):
         if null.false_alarm(nats) > FALSE_ALARM:
             continue
         wide = cv2.resize(mask.astype(np.uint8), detections[0].llr.shape[::-1]) > 0
@@ -83,21 +85,23 @@ def _in_frames(
     return found
 
 
-def _shuffled_strongest(llr: FloatMap, looks: float, rng: np.random.Generator) -> float:
+def _strongest_by_chance(llr: FloatMap, samples: float, rng: np.random.Generator) -> float:
     width = llr.shape[2]
     shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, len(llr))
     rolled = [np.roll(m, round(s * width), axis=1) for m, s in zip(llr, shares, strict=True)]
-    return max((nats for _, nats in _evident(np.stack(rolled), looks)), default=0.0)
+    return max((nats for _, nats in _evident_regions(np.stack(rolled), samples)), default=0.0)
 
 
-def _evident(llr: FloatMap, looks: float) -> list[tuple[BoolArray, float]]:
+def _evident_regions(llr: FloatMap, samples: float) -> list[tuple[BoolArray, float]]:
     """Connected regions of positive mean evidence: mask and nats of each."""
     mean = cv2.GaussianBlur(llr.mean(axis=0), (0, 0), SMOOTHING_PX)
     total = llr.sum(axis=0)
-    return [(mask, float(total[mask].sum()) / looks) for mask in connected(mean > EVIDENT_NATS)]
+    return [
+        (mask, float(total[mask].sum()) / samples) for mask in connected_parts(mean > EVIDENT_NATS)
+    ]
 
 
-def _bearing(region: Region, camera: Camera) -> Bearing:
+def _to_bearing(region: Region, camera: Camera) -> Bearing:
     rows, columns = np.nonzero(region.mask)
     low = rows >= np.quantile(rows, 1 - BASE_SHARE)
     base: FloatArray = np.array([columns[low].mean(), rows[low].max()])

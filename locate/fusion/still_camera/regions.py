@@ -28,7 +28,7 @@ class Region(NamedTuple):
     edge_sigma_px: float
 
 
-def connected(inside: BoolArray) -> list[BoolArray]:
+def connected_parts(inside: BoolArray) -> list[BoolArray]:
     """(H, W) masks of the connected parts."""
     count, labels = cv2.connectedComponents(inside.astype(np.uint8))
     return [np.asarray(labels == k) for k in range(1, count)]

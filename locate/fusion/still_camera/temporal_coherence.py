@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from detect.fluctuation import Fluctuation
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 from locate.fusion.search.null import NullLevel
-from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected
+from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected_parts
 from locate.fusion.views import correlation_area
 
-LASTING_SIGMAS, EVIDENT_SIGMAS = 2.0, 3.5
+COHERENT_SIGMAS, EVIDENT_SIGMAS = 2.0, 3.5
 GAP_PX, BLURRED_PX = 15, 17
 FEWEST_FRAMES, LEAST_NATS = 24, 20.0
 ONLY_STRONG = "only what single frames show is reported; weaker plumes are missed."
@@ -31,23 +31,23 @@ EVERYWHERE = (
 )
 
 
-class Lasting(NamedTuple):
+class CoherentRegions(NamedTuple):
     """What lasts.
 
     Attributes:
         regions: Those that speak for air.
-        springing: (H, W) where something springs back.
+        oscillating: (H, W) where something springs back.
         notes: What limits this.
     """
 
     regions: list[Region]
-    springing: BoolArray
+    oscillating: BoolArray
     notes: tuple[str, ...]
 
 
-def find_lasting(
+def find_coherent_regions(
     images: Sequence[GreyImage], size: tuple[int, int], rng: np.random.Generator
-) -> Lasting:
+) -> CoherentRegions:
     """Looks at frames by a camera at rest that follow each other closely.
 
     Args:
@@ -57,23 +57,25 @@ def find_lasting(
     """
     still = np.zeros(size[::-1], dtype=bool)
     if len(images) < FEWEST_FRAMES:
-        return Lasting([], still, (TOO_SLOW,))
+        return CoherentRegions([], still, (TOO_SLOW,))
     small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in images]
-    measured = Fluctuation.of(small, rng)
+    measured = Fluctuation.measure(small, rng)
     if measured.is_everywhere:
-        return Lasting([], still, (EVERYWHERE,))
-    looks = correlation_area(measured.by_chance)
-    null = NullLevel.fitted([_strongest(sigmas, looks) for sigmas in measured.by_chance])
+        return CoherentRegions([], still, (EVERYWHERE,))
+    samples = correlation_area(measured.shuffled_sigmas)
+    null = NullLevel.from_draws(
+        [_strongest_region(sigmas, samples) for sigmas in measured.shuffled_sigmas]
+    )
     level = max(LEAST_NATS, null.threshold(FALSE_ALARM))
-    scale, sharp = images[0].shape[1] / size[0], _sharp(measured.sigmas)
-    regions, springing = [], []
-    for mask, nats in _evident(measured.sigmas, looks):
+    scale, unblurred = images[0].shape[1] / size[0], _unblurred_pixels(measured.sigmas)
+    regions, oscillating = [], []
+    for mask, nats in _evident_regions(measured.sigmas, samples):
         if nats < level:
             continue
-        if measured.springs_back(mask):
-            springing.append(mask)
+        if measured.oscillates(mask):
+            oscillating.append(mask)
             continue
-        inside = mask & sharp
+        inside = mask & unblurred
         regions.append(
             Region(
                 mask=inside,
@@ -83,11 +85,11 @@ def find_lasting(
                 edge_sigma_px=BLURRED_PX / 2,
             )
         )
-    notes = (_springing_note(len(springing)),) if springing else ()
-    return Lasting(regions, np.any([still, *springing], axis=0), notes)
+    notes = (_oscillation_note(len(oscillating)),) if oscillating else ()
+    return CoherentRegions(regions, np.any([still, *oscillating], axis=0), notes)
 
 
-def _springing_note(count: int) -> str:
+def _oscillation_note(count: int) -> str:
     places = "One place moves" if count == 1 else f"{count} places move"
     return (
         f"{places} to and fro as branches and flags do, and no plume is reported there. "
@@ -95,25 +97,25 @@ def _springing_note(count: int) -> str:
     )
 
 
-def _strongest(sigmas: FloatMap, looks: float) -> float:
-    return max((nats for _, nats in _evident(sigmas, looks)), default=0.0)
+def _strongest_region(sigmas: FloatMap, samples: float) -> float:
+    return max((nats for _, nats in _evident_regions(sigmas, samples)), default=0.0)
 
 
-def _evident(sigmas: FloatMap, looks: float) -> list[tuple[BoolArray, float]]:
+def _evident_regions(sigmas: FloatMap, samples: float) -> list[tuple[BoolArray, float]]:
     """Regions above zero, somewhere clearly: mask and nats of each.
 
     What stands apart by less than `GAP_PX` is one: a plume shows where its background does.
     """
-    lasting = sigmas > LASTING_SIGMAS
-    joined = cv2.morphologyEx(lasting.astype(np.uint8), cv2.MORPH_CLOSE, _disc(GAP_PX)) > 0
+    coherent = sigmas > COHERENT_SIGMAS
+    joined = cv2.morphologyEx(coherent.astype(np.uint8), cv2.MORPH_CLOSE, _disc(GAP_PX)) > 0
     return [
-        (mask, float((sigmas[mask] ** 2).sum()) / 2 / looks)
-        for mask in (whole & lasting for whole in connected(joined))
+        (mask, float((sigmas[mask] ** 2).sum()) / 2 / samples)
+        for mask in (whole & coherent for whole in connected_parts(joined))
         if sigmas[mask].max(initial=0.0) > EVIDENT_SIGMAS
     ]
 
 
-def _sharp(sigmas: FloatMap) -> BoolArray:
+def _unblurred_pixels(sigmas: FloatMap) -> BoolArray:
     """(H, W) where pooled sigmas are above half of those around: what was pooled ends there."""
     return np.asarray(sigmas > cv2.dilate(sigmas, _disc(BLURRED_PX)) / 2)
 
