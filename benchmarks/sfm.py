@@ -19,9 +19,9 @@ from geometry.camera import Camera
 from geometry.errors import LocateError
 from geometry.pose_files import read_named_poses, resized
 from geometry.sfm import Reconstruction, reconstruct
-from geometry.sfm.checks import compare
+from geometry.sfm.checks import compare_paths
 from geometry.sfm.covariance import gauge_projector
-from geometry.similarity import Similarity, align
+from geometry.similarity import Similarity, align_points
 from geometry.trajectory import Trajectory
 from locate.recording import KeyFrames, open_recording, select_frames
 
@@ -84,9 +84,9 @@ def against_poses(truth: Poses) -> Callable[[Reconstruction, KeyFrames], dict[st
         centers = found.trajectory.centers_in_world[rows]
         true_centers = np.array([center for _, center in known])
         true_rotations = np.array([rotation for rotation, _ in known])
-        errors = np.linalg.norm(align(centers, true_centers)(centers) - true_centers, axis=1)
+        errors = np.linalg.norm(align_points(centers, true_centers)(centers) - true_centers, axis=1)
         poses = found.trajectory.take(rows)
-        difference = compare(poses.rotations, centers, true_rotations, true_centers)
+        difference = compare_paths(poses.rotations, centers, true_rotations, true_centers)
         span = float(np.sqrt(((true_centers - true_centers.mean(axis=0)) ** 2).sum(axis=1).mean()))
         return {
             "center_median": float(np.median(errors)),
@@ -102,7 +102,7 @@ def nees(poses: Trajectory, true_rotations: FloatArray, true_centers: FloatArray
     """Mean normalised error squared over 6; 1 where the stated covariances are right."""
     if poses.covariances is None:
         return float("nan")
-    moved = poses.transformed(align(poses.centers_in_world, true_centers))
+    moved = poses.transformed(align_points(poses.centers_in_world, true_centers))
     turns = moved.rotations @ np.swapaxes(true_rotations, 1, 2)
     shifts = np.einsum("nij,nj->ni", moved.rotations, true_centers - moved.centers_in_world)
     errors = np.concatenate([Rotation.from_matrix(turns).as_rotvec(), shifts], axis=1)
@@ -140,7 +140,7 @@ def robust_align(source: FloatArray, target: FloatArray) -> Similarity:
     """Sim(3) by iterative removal of the worst (residual above three medians)."""
     kept = np.ones(len(source), dtype=bool)
     for _ in range(10):
-        fit = align(source[kept], target[kept])
+        fit = align_points(source[kept], target[kept])
         errors = np.linalg.norm(fit(source) - target, axis=1)
         kept = errors < 3 * np.median(errors)
     return fit

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path) -> Iterator[Path]:
     """A name beside `path`, of the same suffix, to write to; renamed to `path` at the end.
 
     Where the block raises, what stood at `path` is untouched and nothing else is left. Several

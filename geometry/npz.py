@@ -10,7 +10,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import ArrayLike
 
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 
 BROKEN = (OSError, EOFError, TypeError, ValueError, BadZipFile, zlib.error)
@@ -23,7 +23,7 @@ def save_arrays(path: Path, **arrays: ArrayLike) -> None:
         BadInputError: The file cannot be written.
     """
     try:
-        with replacing(path) as unfinished, unfinished.open("wb") as file:
+        with atomic_path(path) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error

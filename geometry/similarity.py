@@ -31,13 +31,13 @@ class Similarity:
             translation=-(rotation @ self.translation) / self.scale,
         )
 
-    def covariance(self, covariance: ArrayLike) -> FloatArray:
+    def transform_covariance(self, covariance: ArrayLike) -> FloatArray:
         """Carries (..., 3, 3) position covariances into the target frame."""
         turned = self.rotation @ np.asarray(covariance, dtype=float) @ self.rotation.T
         return np.asarray(self.scale**2 * turned)
 
 
-def align(source: ArrayLike, target: ArrayLike, *, fix_scale: bool = False) -> Similarity:
+def align_points(source: ArrayLike, target: ArrayLike, *, fix_scale: bool = False) -> Similarity:
     """Least-squares ``target_from_source`` between (N, 3) point pairs.
 
     Source: Umeyama, PAMI 1991, eq. 40 to 42.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.errors import BadInputError
-from geometry.similarity import align
+from geometry.similarity import align_points
 from geometry.trajectory import Trajectory
 from locate.evaluation.truth import SceneTruth
 from locate.pipeline.place import place_reconstruction
@@ -92,7 +92,7 @@ def error_of(
     true_in_enu = placement.georeference.enu(
         earth.lat_lon_height(truth.centers_in_world[scene.indices])
     )
-    off = align(moved.centers_in_world, true_in_enu)
+    off = align_points(moved.centers_in_world, true_in_enu)
     middle = placement.georeference.enu(earth.lat_lon_height([0.0, 24.0, 5.0]))
     in_map = off.inverse()(middle)
     miss = (in_map - middle)[0]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 
 from benchmarks.sensitivity.conditions import FOUND_SHARE
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 
 EDGES = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0)
 CONFIDENCE = 0.95
@@ -137,5 +137,5 @@ class Judged:
         return cls(**content, strongest=strongest, unasked=unasked, plumes=plumes)
 
     def save(self, path: Path) -> None:
-        with replacing(path) as unfinished:
+        with atomic_path(path) as unfinished:
             unfinished.write_text(json.dumps(asdict(self)))

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 
 SCHEMA = "locate.training/1"
@@ -22,7 +22,7 @@ def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
         BadInputError: The file cannot be written.
     """
     try:
-        with replacing(path) as unfinished:
+        with atomic_path(path) as unfinished:
             torch.save({"schema": SCHEMA, **content}, unfinished)
     except (OSError, RuntimeError) as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error
@@ -82,5 +82,5 @@ def rewind_journal(folder: Path, step: int) -> None:
 
 def write_whole(path: Path, text: str) -> None:
     """Writes a text under a temporary name, then renames it."""
-    with replacing(path) as unfinished:
+    with atomic_path(path) as unfinished:
         unfinished.write_text(text)

@@ -20,7 +20,7 @@ from detect.learning.config import TrainConfig
 from detect.learning.networks import PaperUNet, PlumeNet, build
 from detect.learning.pools import Pool, as_input
 from detect.learning.trainer import BEST, LAST
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 
 SCHEMA = "locate.network/1"
@@ -211,7 +211,7 @@ def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
 
 def _write(model: onnx.ModelProto, path: Path) -> Path:
     try:
-        with replacing(path) as unfinished:
+        with atomic_path(path) as unfinished:
             unfinished.write_bytes(model.SerializeToString())
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error

@@ -1,7 +1,12 @@
 """Scale, rotation and place on the Earth, from whatever there is, with its uncertainty."""
 
 from geometry.georeference.alignment import Alignment, SourceReport
-from geometry.georeference.constraints import Constraint, Positions, Scale, Up
+from geometry.georeference.constraints import (
+    Constraint,
+    PositionConstraint,
+    ScaleConstraint,
+    UpConstraint,
+)
 from geometry.georeference.fit import fit_similarity
 from geometry.georeference.geodesy import Georeference, HeightDatum
 
@@ -10,9 +15,9 @@ __all__ = [
     "Constraint",
     "Georeference",
     "HeightDatum",
-    "Positions",
-    "Scale",
+    "PositionConstraint",
+    "ScaleConstraint",
     "SourceReport",
-    "Up",
+    "UpConstraint",
     "fit_similarity",
 ]

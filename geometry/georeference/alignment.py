@@ -104,12 +104,12 @@ class Alignment:
             BadInputError: A key is missing or has the wrong shape.
         """
         try:
-            moved = block["enu_from_scene"]
-            rotation = Rotation.from_quat(moved["rotation_xyzw"]).as_matrix()
-            translation = np.reshape(np.asarray(moved["translation"], dtype=float), 3)
+            apply_tangent = block["enu_from_scene"]
+            rotation = Rotation.from_quat(apply_tangent["rotation_xyzw"]).as_matrix()
+            translation = np.reshape(np.asarray(apply_tangent["translation"], dtype=float), 3)
             return cls(
                 target_from_source=Similarity(
-                    scale=float(moved["scale"]), rotation=rotation, translation=translation
+                    scale=float(apply_tangent["scale"]), rotation=rotation, translation=translation
                 ),
                 covariance=np.reshape(np.asarray(block["covariance"], dtype=float), (7, 7)),
                 sources=tuple(SourceReport(**source) for source in block["sources"]),

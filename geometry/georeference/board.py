@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 from geometry.arrays import FloatArray, GreyImage
 from geometry.covariance import split_information, standard_deviations
 from geometry.errors import BadInputError
-from geometry.georeference.constraints import Scale, moved
+from geometry.georeference.constraints import ScaleConstraint, apply_tangent
 from geometry.georeference.lengths import nearest_point
-from geometry.similarity import Similarity, align
+from geometry.similarity import Similarity, align_points
 from geometry.trajectory import Trajectory
 
 MIN_VIEWS = 2
@@ -22,7 +22,7 @@ ROBUST_PX = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sighting:
+class BoardSighting:
     """Corners of a board in one frame.
 
     Attributes:
@@ -60,7 +60,7 @@ def marker_board(
     return cv2.aruco.GridBoard((columns, rows), size_m, gap_m or size_m, markers)
 
 
-def find_board(images: Iterable[GreyImage], board: Any) -> list[Sighting]:
+def find_board(images: Iterable[GreyImage], board: Any) -> list[BoardSighting]:
     """Looks for the board in every frame; frames without it are left out.
 
     Args:
@@ -78,7 +78,7 @@ def find_board(images: Iterable[GreyImage], board: Any) -> list[Sighting]:
         on_board, pixels = board.matchImagePoints(corners, ids)
         if on_board is not None and len(on_board) >= MIN_CORNERS:
             sightings.append(
-                Sighting(
+                BoardSighting(
                     row=row,
                     corners_on_board_m=np.reshape(on_board, (-1, 3)).astype(float),
                     pixels=np.reshape(pixels, (-1, 2)).astype(float),
@@ -89,11 +89,11 @@ def find_board(images: Iterable[GreyImage], board: Any) -> list[Sighting]:
 
 def scale_from_board(
     trajectory: Trajectory,
-    sightings: list[Sighting],
+    sightings: list[BoardSighting],
     *,
     size_sigma: float = 0.002,
     name: str = "marker board",
-) -> Scale:
+) -> ScaleConstraint:
     """Fits the board with free size to all its sightings at once; its size is the scale.
 
     The covariance treats all corners of a frame as one observation (a cluster sandwich), because
@@ -116,25 +116,27 @@ def scale_from_board(
     start = _from_triangulation(trajectory, sightings, name)
 
     def residuals(step: FloatArray) -> FloatArray:
-        return np.concatenate([r.ravel() for r in _errors(trajectory, sightings, start, step)])
+        return np.concatenate(
+            [r.ravel() for r in _reprojection_errors(trajectory, sightings, start, step)]
+        )
 
     found = least_squares(residuals, np.zeros(7), x_scale="jac", loss="soft_l1", f_scale=ROBUST_PX)
     try:
         covariance = _cluster_covariance(np.asarray(found.jac), found.fun, sightings)
     except np.linalg.LinAlgError as error:
         raise BadInputError(f"{name}: seen from one place only; move the camera") from error
-    scene_from_board = moved(start, found.x)
-    return Scale(
+    scene_from_board = apply_tangent(start, found.x)
+    return ScaleConstraint(
         name=name,
         metres_per_unit=1 / scene_from_board.scale,
         sigma_log=float(np.hypot(standard_deviations(covariance)[6], size_sigma)),
     )
 
 
-def _errors(
-    trajectory: Trajectory, sightings: list[Sighting], start: Similarity, step: FloatArray
+def _reprojection_errors(
+    trajectory: Trajectory, sightings: list[BoardSighting], start: Similarity, step: FloatArray
 ) -> list[FloatArray]:
-    scene_from_board = moved(start, step)
+    scene_from_board = apply_tangent(start, step)
     projected = (
         trajectory.project(s.row, scene_from_board(s.corners_on_board_m)) for s in sightings
     )
@@ -146,7 +148,7 @@ def _errors(
 
 
 def _cluster_covariance(
-    jacobian: FloatArray, residuals: FloatArray, sightings: list[Sighting]
+    jacobian: FloatArray, residuals: FloatArray, sightings: list[BoardSighting]
 ) -> FloatArray:
     ends = np.cumsum([s.pixels.size for s in sightings])[:-1]
     slopes = np.array(
@@ -160,7 +162,9 @@ def _cluster_covariance(
     return np.asarray(few * inverse @ (slopes.T @ slopes) @ inverse)
 
 
-def _from_triangulation(trajectory: Trajectory, sightings: list[Sighting], name: str) -> Similarity:
+def _from_triangulation(
+    trajectory: Trajectory, sightings: list[BoardSighting], name: str
+) -> Similarity:
     """``scene_from_board`` from the corners triangulated one by one."""
     rays: dict[tuple[float, ...], list[tuple[FloatArray, FloatArray]]] = {}
     centers = trajectory.centers_in_world
@@ -175,4 +179,4 @@ def _from_triangulation(trajectory: Trajectory, sightings: list[Sighting], name:
         points = np.array([nearest_point(found[:, 0], found[:, 1]) for found in seen.values()])
     except np.linalg.LinAlgError as error:
         raise BadInputError(f"{name}: seen from one place only; move the camera") from error
-    return align(np.array(list(seen)), points)
+    return align_points(np.array(list(seen)), points)

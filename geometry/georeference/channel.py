@@ -6,14 +6,14 @@ from typing import Self
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.georeference.constraints import Positions
+from geometry.georeference.constraints import PositionConstraint
 from geometry.georeference.noise import (
     MIN_FREE,
-    Noise,
-    curvatures,
+    PositionNoise,
+    bisquare_curvatures,
+    bisquare_residuals,
+    bisquare_weights,
     estimate_noise,
-    robust,
-    weights,
 )
 from geometry.similarity import Similarity
 
@@ -22,7 +22,7 @@ CHI_SQUARE_MEDIAN = {2: 1.386, 1: 0.455}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Channel:
+class PositionChannel:
     """East and north of a set of positions, or up: receivers are worse at one than the other.
 
     Attributes:
@@ -32,17 +32,17 @@ class Channel:
         noise: The noise with its correlation; None before the fit has ended.
     """
 
-    positions: Positions
+    positions: PositionConstraint
     axes: slice
     level: float = 1.0
-    noise: Noise | None = None
+    noise: PositionNoise | None = None
 
     @property
-    def dims(self) -> int:
+    def axis_count(self) -> int:
         """Number of axes."""
         return int(self.axes.stop - self.axes.start)
 
-    def levelled(self, similarity: Similarity, lost: float) -> Self:
+    def with_level(self, similarity: Similarity, lost: float) -> Self:
         """With the level that the residuals show; at least the stated one where they are few.
 
         Args:
@@ -50,19 +50,19 @@ class Channel:
             lost: Number of fixes whose worth the fit has used up.
         """
         n = len(self.positions)
-        squared = (self._whitened(similarity, similarity) ** 2).sum(axis=1)
-        median = float(np.median(squared)) / CHI_SQUARE_MEDIAN[self.dims]
-        if self.dims * (n - lost) < MIN_FREE:
+        squared = (self._whitened_residuals(similarity, similarity) ** 2).sum(axis=1)
+        median = float(np.median(squared)) / CHI_SQUARE_MEDIAN[self.axis_count]
+        if self.axis_count * (n - lost) < MIN_FREE:
             return replace(self, level=max(float(np.sqrt(median)), 1.0))
         return replace(self, level=max(float(np.sqrt(median * n / (n - lost))), 1e-6))
 
     def robust_residuals(self, around: Similarity, at: Similarity) -> FloatArray:
         """(N * D,) at `at`, in units of the level, the sigmas taken `around`."""
-        return robust(self._whitened(around, at) / self.level).ravel()
+        return bisquare_residuals(self._whitened_residuals(around, at) / self.level).ravel()
 
-    def weights(self, similarity: Similarity) -> FloatArray:
+    def fix_weights(self, similarity: Similarity) -> FloatArray:
         """(N,) between 0 and 1."""
-        return weights(self._squared(similarity), self.dims)
+        return bisquare_weights(self._squared_lengths(similarity), self.axis_count)
 
     def with_noise(self, similarity: Similarity, free: FloatArray) -> Self:
         """With the noise of the residuals at the solution."""
@@ -70,36 +70,39 @@ class Channel:
         if times_s is None:
             times_s = np.arange(len(self.positions), dtype=float)
         noise = estimate_noise(
-            self._whitened(similarity, similarity),
-            self._jacobian(similarity, free),
-            self.weights(similarity),
+            self._whitened_residuals(similarity, similarity),
+            self._whitened_jacobian(similarity, free),
+            self.fix_weights(similarity),
             times_s,
             fallback=self.level,
         )
         return replace(self, noise=noise)
 
-    def information(
+    def information_and_slope(
         self, similarity: Similarity, free: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """(K, K) curvature of the cost and (K, K) covariance of its slope."""
         assert self.noise is not None
-        squared = self._squared(similarity)
-        root = np.sqrt(weights(squared, self.dims))[:, None, None]
-        slopes = root * self._jacobian(similarity, free)
+        squared = self._squared_lengths(similarity)
+        root = np.sqrt(bisquare_weights(squared, self.axis_count))[:, None, None]
+        slopes = root * self._whitened_jacobian(similarity, free)
         rows = slopes.reshape(-1, free.shape[1])
-        bend = curvatures(squared, self.dims).sum() / weights(squared, self.dims).sum()
+        bend = (
+            bisquare_curvatures(squared, self.axis_count).sum()
+            / bisquare_weights(squared, self.axis_count).sum()
+        )
         pairs = np.einsum("iak,ij,jal->kl", slopes, self.noise.covariance, slopes, optimize=True)
         return bend / self.level**2 * (rows.T @ rows), pairs / self.level**4
 
-    def _whitened(self, around: Similarity, at: Similarity) -> FloatArray:
+    def _whitened_residuals(self, around: Similarity, at: Similarity) -> FloatArray:
         residuals_m = self.positions.residuals_m(at)
         return np.asarray((residuals_m / self.positions.axis_sigmas_m(around))[:, self.axes])
 
-    def _squared(self, similarity: Similarity) -> FloatArray:
-        residuals = self._whitened(similarity, similarity) / self.level
+    def _squared_lengths(self, similarity: Similarity) -> FloatArray:
+        residuals = self._whitened_residuals(similarity, similarity) / self.level
         return np.asarray((residuals**2).sum(axis=1))
 
-    def _jacobian(self, similarity: Similarity, free: FloatArray) -> FloatArray:
+    def _whitened_jacobian(self, similarity: Similarity, free: FloatArray) -> FloatArray:
         """(N, D, K) derivatives of the whitened residuals."""
         sigmas_m = self.positions.axis_sigmas_m(similarity)[:, self.axes, None]
         return np.asarray(self.positions.jacobian(similarity)[:, self.axes] @ free / sigmas_m)

@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from geometry.sfm.covariance import skew
+from geometry.sfm.covariance import skew_matrices
 from geometry.similarity import Similarity
 
 TANGENT = ("rotation_rad", "translation_m", "log_scale")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Positions:
+class PositionConstraint:
     """Known positions of points of the source frame: fixes of the camera, surveyed points.
 
     Attributes:
@@ -65,7 +65,7 @@ class Positions:
         """(N, 3) standard deviations of the residuals; correlation between axes is left out."""
         variances = self.sigmas_m**2
         if self.covariances_in_source is not None:
-            own = target_from_source.covariance(self.covariances_in_source)
+            own = target_from_source.transform_covariance(self.covariances_in_source)
             variances = variances + np.diagonal(own, axis1=1, axis2=2)
         return np.asarray(np.sqrt(variances))
 
@@ -75,7 +75,7 @@ class Positions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Up:
+class UpConstraint:
     """The direction of up in the source frame.
 
     Attributes:
@@ -104,7 +104,7 @@ class Up:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scale:
+class ScaleConstraint:
     """Metres per unit of the source frame.
 
     Attributes:
@@ -132,10 +132,10 @@ class Scale:
         return np.array([[0, 0, 0, 0, 0, 0, 1 / self.sigma_log]])
 
 
-Constraint = Positions | Up | Scale
+Constraint = PositionConstraint | UpConstraint | ScaleConstraint
 
 
-def moved(similarity: Similarity, tangent: FloatArray) -> Similarity:
+def apply_tangent(similarity: Similarity, tangent: FloatArray) -> Similarity:
     """The similarity after a (7,) step in the left tangent."""
     turn, growth = Rotation.from_rotvec(tangent[:3]).as_matrix(), float(np.exp(tangent[6]))
     return Similarity(
@@ -149,11 +149,15 @@ def point_jacobian(points_in_target: FloatArray) -> FloatArray:
     """(N, 3, 7) derivative of (N, 3) target points by the left tangent."""
     n = len(points_in_target)
     return np.concatenate(
-        [-skew(points_in_target), np.tile(np.eye(3), (n, 1, 1)), points_in_target[:, :, None]],
+        [
+            -skew_matrices(points_in_target),
+            np.tile(np.eye(3), (n, 1, 1)),
+            points_in_target[:, :, None],
+        ],
         axis=2,
     )
 
 
 def direction_jacobian(direction_in_target: FloatArray) -> FloatArray:
     """(3, 7) derivative of a target direction by the left tangent."""
-    return np.concatenate([-skew(direction_in_target[None])[0], np.zeros((3, 4))], axis=1)
+    return np.concatenate([-skew_matrices(direction_in_target[None])[0], np.zeros((3, 4))], axis=1)

@@ -7,9 +7,14 @@ import numpy as np
 from geometry.covariance import principal_sigmas, standard_deviations
 from geometry.errors import BadInputError
 from geometry.georeference.alignment import Alignment, SourceReport
-from geometry.georeference.constraints import Constraint, Positions, Scale, Up
+from geometry.georeference.constraints import (
+    Constraint,
+    PositionConstraint,
+    ScaleConstraint,
+    UpConstraint,
+)
 from geometry.georeference.noise import OUTLIER_WEIGHT
-from geometry.georeference.solve import Solution, solve
+from geometry.georeference.solve import SimilarityFit, solve_constraints
 
 CONTRADICTION_SIGMAS = 5.0
 MATERIAL_SCALE = 0.02
@@ -21,9 +26,10 @@ MAX_SCALE_SIGMA = 0.3
 def fit_similarity(constraints: Sequence[Constraint]) -> Alignment:
     """Fits scale, rotation and origin to all constraints at once.
 
-    Positions give all seven parameters, gravity (`Up`) pins the tilt where they are weak in it (a
-    path along a line says nothing of the roll about it), `Scale` the size. Without positions the
-    frame keeps its heading and its origin, and with neither `Scale` its size.
+    Positions give all seven parameters, gravity (`UpConstraint`) pins the tilt where they are weak
+    in it (a path along a line leaves the roll about it free), `ScaleConstraint` the size. Without
+    positions the frame keeps its heading and its origin, and with neither `ScaleConstraint` its
+    size.
 
     Args:
         constraints: From `geometry.georeference.fixes`, `.gravity`, `.lengths` and `.board`.
@@ -36,9 +42,11 @@ def fit_similarity(constraints: Sequence[Constraint]) -> Alignment:
         raise BadInputError("nothing says where the cameras are: give positions, up or a scale")
     _check_enough(constraints)
     try:
-        solution = solve(constraints)
+        solution = solve_constraints(constraints)
     except np.linalg.LinAlgError as error:
-        raise BadInputError(f"{_names(constraints)}: leave the pose of the scene free") from error
+        raise BadInputError(
+            f"{_join_names(constraints)}: leave the pose of the scene free"
+        ) from error
     for one in constraints:
         _check_agreement(one, [c for c in constraints if c is not one])
     _check_strength(solution, constraints)
@@ -46,16 +54,16 @@ def fit_similarity(constraints: Sequence[Constraint]) -> Alignment:
     return Alignment(
         target_from_source=solution.similarity,
         covariance=solution.covariance,
-        metric=Positions in kinds or Scale in kinds,
-        gravity=Positions in kinds or Up in kinds,
-        located=Positions in kinds,
-        sources=tuple(_report(c, solution) for c in constraints),
+        metric=PositionConstraint in kinds or ScaleConstraint in kinds,
+        gravity=PositionConstraint in kinds or UpConstraint in kinds,
+        located=PositionConstraint in kinds,
+        sources=tuple(_report_source(c, solution) for c in constraints),
     )
 
 
 def _check_enough(constraints: Sequence[Constraint]) -> None:
-    needed = 2 if any(isinstance(c, Up) for c in constraints) else 3
-    for positions in (c for c in constraints if isinstance(c, Positions)):
+    needed = 2 if any(isinstance(c, UpConstraint) for c in constraints) else 3
+    for positions in (c for c in constraints if isinstance(c, PositionConstraint)):
         if len(positions) < needed:
             raise BadInputError(
                 f"{positions.name}: {len(positions)} positions, at least {needed} are needed"
@@ -65,14 +73,14 @@ def _check_enough(constraints: Sequence[Constraint]) -> None:
             raise BadInputError(f"{positions.name}: all positions are of the same point")
 
 
-def _check_strength(solution: Solution, constraints: Sequence[Constraint]) -> None:
+def _check_strength(solution: SimilarityFit, constraints: Sequence[Constraint]) -> None:
     """Refuses an answer so weak that its linear covariance means nothing."""
-    covariance, names = solution.covariance, _names(constraints)
+    covariance, names = solution.covariance, _join_names(constraints)
     turn = float(principal_sigmas(covariance[:3, :3])[0])
     if not turn < MAX_ROTATION_SIGMA_RAD:
         cure = (
             "move more sideways"
-            if any(isinstance(c, Up) for c in constraints)
+            if any(isinstance(c, UpConstraint) for c in constraints)
             else "give gravity (gimbal angles, the ground plane) or fly a path with a turn"
         )
         raise BadInputError(
@@ -89,34 +97,34 @@ def _check_strength(solution: Solution, constraints: Sequence[Constraint]) -> No
 
 def _check_agreement(one: Constraint, rest: Sequence[Constraint]) -> None:
     """Holds a direction or a scale against what all the others say of it."""
-    others = [c for c in rest if isinstance(c, (type(one), Positions))]
-    if isinstance(one, Positions) or not others:
+    others = [c for c in rest if isinstance(c, (type(one), PositionConstraint))]
+    if isinstance(one, PositionConstraint) or not others:
         return
-    if isinstance(one, Scale):
-        others += [c for c in rest if isinstance(c, Up)]
+    if isinstance(one, ScaleConstraint):
+        others += [c for c in rest if isinstance(c, UpConstraint)]
     try:
-        solution = solve(others)
+        solution = solve_constraints(others)
     except np.linalg.LinAlgError:
         return
     residuals, jacobian = one.residuals(solution.similarity), one.jacobian(solution.similarity)
     expected = np.eye(len(residuals)) + jacobian @ solution.covariance @ jacobian.T
     sigmas = float(np.sqrt(max(float(residuals @ np.linalg.solve(expected, residuals)), 0.0)))
-    if sigmas > CONTRADICTION_SIGMAS and _matters(one, residuals):
+    if sigmas > CONTRADICTION_SIGMAS and _is_material(one, residuals):
         raise BadInputError(
-            f"{_says(one, solution)}: {sigmas:.0f} sigma apart; "
-            f"one of {one.name} and {_names(others)} is wrong, leave it out"
+            f"{_describe_contradiction(one, solution)}: {sigmas:.0f} sigma apart; "
+            f"one of {one.name} and {_join_names(others)} is wrong, leave it out"
         )
 
 
-def _matters(one: Up | Scale, residuals: np.ndarray) -> bool:
-    if isinstance(one, Scale):
+def _is_material(one: UpConstraint | ScaleConstraint, residuals: np.ndarray) -> bool:
+    if isinstance(one, ScaleConstraint):
         return bool(abs(residuals[0]) * one.sigma_log > MATERIAL_SCALE)
     return bool(np.linalg.norm(residuals) * one.sigma_rad > MATERIAL_TILT_RAD)
 
 
-def _says(one: Up | Scale, solution: Solution) -> str:
+def _describe_contradiction(one: UpConstraint | ScaleConstraint, solution: SimilarityFit) -> str:
     similarity, sigmas = solution.similarity, standard_deviations(solution.covariance)
-    if isinstance(one, Scale):
+    if isinstance(one, ScaleConstraint):
         return (
             f"{one.name} says {one.metres_per_unit:.4g} m per unit (+- {100 * one.sigma_log:.2g} "
             f"%), the rest {similarity.scale:.4g} (+- {100 * sigmas[6]:.2g} %)"
@@ -128,17 +136,17 @@ def _says(one: Up | Scale, solution: Solution) -> str:
     )
 
 
-def _names(constraints: Sequence[Constraint]) -> str:
+def _join_names(constraints: Sequence[Constraint]) -> str:
     return ", ".join(c.name for c in constraints)
 
 
-def _report(one: Constraint, solution: Solution) -> SourceReport:
-    if isinstance(one, Scale):
+def _report_source(one: Constraint, solution: SimilarityFit) -> SourceReport:
+    if isinstance(one, ScaleConstraint):
         off = float(one.residuals(solution.similarity)[0]) * one.sigma_log
         return SourceReport(
             name=one.name, unit="%", median_residual=100 * abs(off), sigma=100 * one.sigma_log
         )
-    if isinstance(one, Up):
+    if isinstance(one, UpConstraint):
         off = float(np.linalg.norm(one.residuals(solution.similarity))) * one.sigma_rad
         return SourceReport(
             name=one.name,
@@ -152,7 +160,7 @@ def _report(one: Constraint, solution: Solution) -> SourceReport:
     variances = [
         (noise.level * sigmas_m[:, c.axes]) ** 2 for c, noise in zip(channels, noises, strict=True)
     ]
-    weight = np.min([c.weights(solution.similarity) for c in channels], axis=0)
+    weight = np.min([c.fix_weights(solution.similarity) for c in channels], axis=0)
     return SourceReport(
         name=one.name,
         unit="m",

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from geometry.arrays import FloatArray, IntArray
-from geometry.georeference.constraints import Positions
+from geometry.georeference.constraints import PositionConstraint
 from geometry.trajectory import Trajectory
 
 MAX_FIXES = 200
@@ -17,7 +17,7 @@ def positions_of_cameras(
     *,
     name: str = "GPS",
     shared_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Positions:
+) -> PositionConstraint:
     """Fixes of the cameras.
 
     A fix that repeats the one before while the camera moved on is a stale one and is left out.
@@ -38,7 +38,7 @@ def positions_of_cameras(
     if len(rows) > MAX_FIXES:
         rows = rows[np.linspace(0, len(rows) - 1, MAX_FIXES).round().astype(int)]
     sigmas = np.broadcast_to(np.asarray(sigmas_m, dtype=float), positions_in_enu.shape)
-    return Positions(
+    return PositionConstraint(
         name=name,
         points_in_source=trajectory.centers_in_world[rows],
         positions_in_target=positions_in_enu[rows],

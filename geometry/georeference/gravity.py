@@ -4,7 +4,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from geometry.georeference.constraints import Up
+from geometry.georeference.constraints import UpConstraint
 from geometry.georeference.ground import ground_plane
 from geometry.trajectory import Trajectory
 
@@ -18,7 +18,7 @@ def up_from_gimbal(
     *,
     shared_sigma_deg: float = 0.5,
     name: str = "gimbal",
-) -> Up:
+) -> UpConstraint:
     """Up from the attitude of the camera.
 
     Args:
@@ -41,7 +41,7 @@ def up_from_vectors(
     *,
     shared_sigma_deg: float = 0.5,
     name: str = "accelerometer",
-) -> Up:
+) -> UpConstraint:
     """Up as each frame has it, as an accelerometer at rest does.
 
     The answer is the mean of those within three robust sigmas of the median. Its sigma takes
@@ -72,7 +72,7 @@ def up_from_vectors(
     mean = kept.mean(axis=0) / np.linalg.norm(kept.mean(axis=0))
     spread = float(np.sqrt(((kept - mean) ** 2).sum() / 2 / max(len(kept) - 1, 1)))
     own = spread / np.sqrt(_effective_count(kept - mean))
-    return Up(
+    return UpConstraint(
         name=name,
         up_in_source=mean,
         sigma_rad=float(np.hypot(own, np.radians(shared_sigma_deg))),
@@ -85,7 +85,7 @@ def up_from_ground(
     *,
     slope_sigma_deg: float = 3.0,
     name: str = "ground plane",
-) -> Up:
+) -> UpConstraint:
     """Up as the normal of the plane that most sparse points lie on.
 
     Args:
@@ -99,7 +99,9 @@ def up_from_ground(
         BadInputError: No plane holds a tenth of the points.
     """
     normal, _ = ground_plane(trajectory, points_in_world)
-    return Up(name=name, up_in_source=normal, sigma_rad=float(np.radians(slope_sigma_deg)))
+    return UpConstraint(
+        name=name, up_in_source=normal, sigma_rad=float(np.radians(slope_sigma_deg))
+    )
 
 
 def _effective_count(errors: FloatArray) -> float:

@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError
-from geometry.georeference.constraints import Scale
+from geometry.georeference.constraints import ScaleConstraint
 from geometry.georeference.ground import ground_plane
 from geometry.trajectory import Trajectory
 
@@ -72,7 +72,7 @@ def scale_from_distance(
     sigma_m: float,
     covariances: tuple[FloatArray, FloatArray] | None = None,
     name: str = "known distance",
-) -> Scale:
+) -> ScaleConstraint:
     """Scale from the distance between two points of the source frame.
 
     Args:
@@ -94,7 +94,9 @@ def scale_from_distance(
     variance = (sigma_m / distance_m) ** 2
     if covariances is not None:
         variance += float(along @ (covariances[0] + covariances[1]) @ along) / length**2
-    return Scale(name=name, metres_per_unit=distance_m / length, sigma_log=float(np.sqrt(variance)))
+    return ScaleConstraint(
+        name=name, metres_per_unit=distance_m / length, sigma_log=float(np.sqrt(variance))
+    )
 
 
 def scale_from_height(
@@ -104,7 +106,7 @@ def scale_from_height(
     *,
     sigma_m: float,
     name: str = "height above ground",
-) -> Scale:
+) -> ScaleConstraint:
     """Scale from the height of the cameras above the ground plane.
 
     Args:
@@ -127,7 +129,7 @@ def scale_from_height(
     ratios = np.log(heights[known] / own[known])
     spread = MAD_TO_SIGMA * float(np.median(np.abs(ratios - np.median(ratios))))
     shared = sigma_m / float(np.median(heights[known]))
-    return Scale(
+    return ScaleConstraint(
         name=name,
         metres_per_unit=float(np.exp(np.median(ratios))),
         sigma_log=float(np.hypot(shared, spread)),

@@ -23,18 +23,18 @@ SHARES = (0.7, 1.0)
 INDEPENDENT_PRIOR = 0.8
 
 
-def weights(squared: FloatArray, dims: int) -> FloatArray:
+def bisquare_weights(squared: FloatArray, dims: int) -> FloatArray:
     """(N,) bisquare weights of squared residual lengths in units of the noise."""
     return np.asarray(np.maximum(1 - squared / REACH[dims] ** 2, 0.0) ** 2)
 
 
-def curvatures(squared: FloatArray, dims: int) -> FloatArray:
+def bisquare_curvatures(squared: FloatArray, dims: int) -> FloatArray:
     """(N,) second derivatives of the bisquare, mean of the `dims` directions."""
     inside = np.maximum(1 - squared / REACH[dims] ** 2, 0.0)
     return np.asarray(inside**2 - 4 / dims * squared / REACH[dims] ** 2 * inside)
 
 
-def robust(residuals: FloatArray) -> FloatArray:
+def bisquare_residuals(residuals: FloatArray) -> FloatArray:
     """(N, D) residuals shrunk so that their squares sum to twice the bisquare cost."""
     dims = residuals.shape[1]
     share = (residuals**2).sum(axis=1, keepdims=True) / REACH[dims] ** 2
@@ -44,7 +44,7 @@ def robust(residuals: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class PositionNoise:
     """The noise of one channel (horizontal or vertical) of a set of fixes.
 
     Attributes:
@@ -65,7 +65,7 @@ def estimate_noise(
     times_s: FloatArray,
     *,
     fallback: float,
-) -> Noise:
+) -> PositionNoise:
     """Level and correlation in time by restricted maximum likelihood.
 
     The correlation is ``(1 - q) I + q exp(-dt / tau)``, and the answer the mean over a grid of
@@ -80,14 +80,16 @@ def estimate_noise(
         times_s: (N,).
         fallback: The level where the residuals are too few to show it.
     """
-    correlations, prior = _correlations(times_s)
+    correlations, prior = _candidate_correlations(times_s)
     n, dims = residuals.shape
     used = weight > OUTLIER_WEIGHT
     root = np.sqrt(weight[used])[:, None]
     kept = null_space((jacobian[used] * root[:, :, None]).reshape(used.sum() * dims, -1).T)
     free = kept.shape[1]
     if free < MIN_FREE:
-        return Noise(level=fallback, covariance=fallback**2 * np.eye(n), effective_count=float(n))
+        return PositionNoise(
+            level=fallback, covariance=fallback**2 * np.eye(n), effective_count=float(n)
+        )
     seen = kept.T @ (residuals[used] * root).ravel()
     logs, variances = np.log(prior), np.zeros(len(prior))
     for i, correlation in enumerate(correlations):
@@ -100,14 +102,14 @@ def estimate_noise(
     mixed = np.einsum("m,mij->ij", shares, np.array(correlations))
     total = mixed.sum()  # 0 where the fixes fit exactly
     effective = n * np.trace(mixed) / total if total > 0 else n
-    return Noise(
+    return PositionNoise(
         level=float(np.sqrt(shares.sum())),
         covariance=mixed,
         effective_count=float(min(effective, n)),
     )
 
 
-def _correlations(times_s: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+def _candidate_correlations(times_s: FloatArray) -> tuple[list[FloatArray], FloatArray]:
     """Independence and a grid from the spacing of the fixes to half the record, with the prior."""
     gaps = np.abs(times_s[:, None] - times_s[None, :])
     spacing, longest = float(np.median(np.diff(np.sort(times_s)))), LONGEST_SHARE * gaps.max()

@@ -3,14 +3,16 @@
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.similarity import Similarity, align
+from geometry.similarity import Similarity, align_points
 
 TRIALS = 100
 SAMPLE = 3
 SEED = 0
 
 
-def least_median(source: FloatArray, target: FloatArray, up: FloatArray | None) -> Similarity:
+def align_by_least_median(
+    source: FloatArray, target: FloatArray, up: FloatArray | None
+) -> Similarity:
     """The similarity with the least median residual over random triples, refitted to its half.
 
     Source: Rousseeuw, Least Median of Squares Regression, JASA 1984.
@@ -23,14 +25,14 @@ def least_median(source: FloatArray, target: FloatArray, up: FloatArray | None) 
     random = np.random.default_rng(SEED)
     size = min(SAMPLE, len(source))
     rows = [random.choice(len(source), size=size, replace=False) for _ in range(TRIALS)]
-    fits = [_fit(source[few], target[few], up) for few in rows]
+    fits = [_align_given_up(source[few], target[few], up) for few in rows]
     errors = np.array([np.linalg.norm(fit(source) - target, axis=1) for fit in fits])
     best = errors[np.argmin(np.median(errors, axis=1))]
     half = np.argsort(best)[: max(size, (len(source) + 1) // 2 + 1)]
-    return _fit(source[half], target[half], up)
+    return _align_given_up(source[half], target[half], up)
 
 
-def turned_upright(up: FloatArray) -> FloatArray:
+def rotation_to_upright(up: FloatArray) -> FloatArray:
     """The smallest (3, 3) rotation that turns `up` to +Z."""
     axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), float(up[2])
     if cosine < -1 + 1e-12:
@@ -39,13 +41,13 @@ def turned_upright(up: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + cross + cross @ cross / (1 + cosine))
 
 
-def _fit(source: FloatArray, target: FloatArray, up: FloatArray | None) -> Similarity:
-    return align(source, target) if up is None else _align_upright(source, target, up)
+def _align_given_up(source: FloatArray, target: FloatArray, up: FloatArray | None) -> Similarity:
+    return align_points(source, target) if up is None else _align_upright(source, target, up)
 
 
 def _align_upright(source: FloatArray, target: FloatArray, up: FloatArray) -> Similarity:
     """Least squares over scale, heading and origin: horizontal positions as complex numbers."""
-    upright = turned_upright(up)
+    upright = rotation_to_upright(up)
     level = source @ upright.T
     level_mean, target_mean = level.mean(axis=0), target.mean(axis=0)
     p, q = (

@@ -60,7 +60,7 @@ CURES = {
 }
 
 
-def fail(failure: RegistrationFailure, what: str) -> RegistrationError:
+def registration_error(failure: RegistrationFailure, what: str) -> RegistrationError:
     """The error that names a failure, says what was seen and how to cure it."""
     return RegistrationError(failure, f"{what}; {CURES[failure]}")
 
@@ -68,7 +68,7 @@ def fail(failure: RegistrationFailure, what: str) -> RegistrationError:
 def check_features(counts: Sequence[int]) -> None:
     """Raises where the typical image has too few features."""
     if np.median(counts) < MIN_FEATURES:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.LOW_TEXTURE,
             f"{np.median(counts):.0f} features in a typical image (needs {MIN_FEATURES})",
         )
@@ -83,7 +83,7 @@ def check_matches(pairs: Sequence[MatchedPair], camera: Camera, count: int) -> N
         count: Number of images.
     """
     if len(pairs) < count - 1:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.LOW_TEXTURE
             if len(pairs) == 0
             else RegistrationFailure.SPLIT_MODELS,
@@ -93,11 +93,13 @@ def check_matches(pairs: Sequence[MatchedPair], camera: Camera, count: int) -> N
     displacements = np.array([pair.displacement_px for pair in pairs])
     largest = float(np.quantile(displacements, 0.95))
     if largest < STATIC_SHARE * side:
-        raise fail(RegistrationFailure.STATIC_CAMERA, f"the image moves by {largest:.1f} px in all")
+        raise registration_error(
+            RegistrationFailure.STATIC_CAMERA, f"the image moves by {largest:.1f} px in all"
+        )
     far = [pair for pair in pairs if pair.displacement_px > max(0.5 * largest, STATIC_SHARE * side)]
     turned = np.array([rotation_residual_px(pair, camera) for pair in far])
     if np.mean(turned < ROTATION_RESIDUAL_SHARE * side) > ROTATION_PAIR_SHARE:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.PURE_ROTATION,
             f"turning alone explains the image motion to {np.median(turned):.2f} px",
         )
@@ -125,19 +127,19 @@ def check_focal(focal_px: float, prior_px: float | None, side: int) -> None:
     """Raises where the estimated focal length left its prior, or any lens made."""
     low, high = FOCAL_RANGE
     if prior_px is not None and not 1 / MAX_FOCAL_DRIFT < focal_px / prior_px < MAX_FOCAL_DRIFT:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.FOCAL_DIVERGED,
             f"estimated at {focal_px:.0f} px where the metadata says {prior_px:.0f} px",
         )
     if not low < focal_px / side < high:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.FOCAL_DIVERGED,
             f"estimated at {focal_px:.0f} px for images of {side} px",
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Disagreement:
+class PathDisagreement:
     """How far two sets of poses of the same N cameras differ after the best similarity.
 
     Attributes:
@@ -151,7 +153,7 @@ class Disagreement:
     count: int
 
     @property
-    def tolerable(self) -> bool:
+    def is_tolerable(self) -> bool:
         """Both tell the same path."""
         return (
             self.center_share < MAX_DISAGREEMENT
@@ -159,12 +161,12 @@ class Disagreement:
         )
 
 
-NO_OPINION = Disagreement(center_share=float("inf"), rotation_deg=180.0, count=0)
+NO_OPINION = PathDisagreement(center_share=float("inf"), rotation_deg=180.0, count=0)
 
 
-def compare(
+def compare_paths(
     rotations_a: FloatArray, centers_a: FloatArray, rotations_b: FloatArray, centers_b: FloatArray
-) -> Disagreement:
+) -> PathDisagreement:
     """Aligns by the mean rotation, which a straight path leaves free, then scale and shift.
 
     Args:
@@ -185,7 +187,7 @@ def compare(
     offsets = scale * a - b
     distances = np.linalg.norm(offsets - np.median(offsets, axis=0), axis=1)
     spread = float(np.sqrt((b**2).sum(axis=1).mean()))
-    return Disagreement(
+    return PathDisagreement(
         center_share=float(np.median(distances)) / max(spread, 1e-300),
         rotation_deg=float(np.degrees(np.median(angles))),
         count=n,
@@ -201,7 +203,7 @@ def _median_rotation(rotations: Rotation) -> Rotation:
     return mean
 
 
-def roughness(centers: FloatArray, indices: IntArray) -> float:
+def path_roughness(centers: FloatArray, indices: IntArray) -> float:
     """How jagged a path is: median bend of a step over the median step.
 
     About 1.7 for a random scatter, well below 1 for a camera that is carried. NaN where fewer than
@@ -266,17 +268,17 @@ def largest_component(pairs: Sequence[MatchedPair], count: int) -> tuple[int, in
 def check_quality(report: dict[str, Any], *, ordered: bool) -> None:
     """Raises where the numbers of a finished reconstruction do not make sense."""
     if report["points_per_image"] < MIN_POINTS_PER_IMAGE:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.LOW_TEXTURE,
             f"{report['points_per_image']:.0f} points in a typical image",
         )
     if report["triangulation_angle_deg"] < MIN_ANGLE_DEG:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.PURE_ROTATION,
             f"points are seen under {report['triangulation_angle_deg']:.2f} degrees only",
         )
     if ordered and report["roughness"] > MAX_ROUGHNESS:
-        raise fail(
+        raise registration_error(
             RegistrationFailure.IMPLAUSIBLE_POSES,
             f"the path zigzags (roughness {report['roughness']:.1f})",
         )

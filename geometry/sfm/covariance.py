@@ -69,7 +69,7 @@ def gtsam_from_colmap_tangent(translations: FloatArray) -> FloatArray:
     """
     jacobians = np.tile(np.eye(6), (len(translations), 1, 1))
     jacobians[:, :3, :3] *= 2
-    jacobians[:, 3:, :3] = 2 * skew(translations)
+    jacobians[:, 3:, :3] = 2 * skew_matrices(translations)
     return jacobians
 
 
@@ -88,7 +88,7 @@ def gauge_projector(rotations: FloatArray, translations: FloatArray) -> FloatArr
     centers = centers - centers.mean(axis=0)
     moves = np.zeros((n, 6, 7))
     moves[:, :3, :3] = rotations
-    moves[:, 3:, :3] = -rotations @ skew(centers)
+    moves[:, 3:, :3] = -rotations @ skew_matrices(centers)
     moves[:, 3:, 3:6] = rotations
     moves[:, 3:, 6] = np.einsum("nij,nj->ni", rotations, centers)
     gauge = moves.reshape(6 * n, 7)
@@ -98,7 +98,7 @@ def gauge_projector(rotations: FloatArray, translations: FloatArray) -> FloatArr
     return np.asarray(np.eye(6 * n) - gauge @ np.linalg.solve(gauge.T @ weighted, weighted.T))
 
 
-def skew(vectors: FloatArray) -> FloatArray:
+def skew_matrices(vectors: FloatArray) -> FloatArray:
     """(N, 3, 3) cross-product matrices of (N, 3) vectors."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)

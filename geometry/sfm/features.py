@@ -43,7 +43,7 @@ class MatchedPair:
         return float(np.median(np.linalg.norm(self.pixels[:, 1] - self.pixels[:, 0], axis=1)))
 
 
-def extract(
+def extract_features(
     database: Path,
     image_dir: Path,
     names: Sequence[str],
@@ -91,7 +91,7 @@ def extract(
         return [db.num_keypoints_for_image(i) for i in image_ids(db, names)]
 
 
-def match(database: Path, *, sequential: bool) -> None:
+def match_features(database: Path, *, sequential: bool) -> None:
     """Matches images 1, 2, 4, 8, ... steps apart, or every pair."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = THREADS

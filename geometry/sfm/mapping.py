@@ -10,7 +10,7 @@ from geometry.sfm.features import SEED, THREADS
 
 MIN_MODEL_IMAGES = 3
 TRACKS_PER_VIEW = 100
-GLOBAL_TOLERANCE = 1e-3  # of the cost; `adjust` follows
+GLOBAL_TOLERANCE = 1e-3  # of the cost; `adjust_bundle` follows
 ROUGH_TOLERANCE, FINE_TOLERANCE = 1e-2, 1e-4
 
 
@@ -33,11 +33,11 @@ def map_globally(
     options.mapper.skip_retriangulation = True
     models = pycolmap.global_mapping(database, image_dir, output, options)
     for model in models.values():
-        _triangulate(database, model)
+        _triangulate_points(database, model)
     return _by_size(models)
 
 
-def _triangulate(database: Path, model: pycolmap.Reconstruction) -> None:
+def _triangulate_points(database: Path, model: pycolmap.Reconstruction) -> None:
     """All points that the matches support, in place; poses stay."""
     with pycolmap.Database.open(database) as db:
         cache = pycolmap.DatabaseCache.create(db, pycolmap.DatabaseCacheOptions())
@@ -83,23 +83,23 @@ def map_incrementally(
     options.mapper.abs_pose_refine_extra_params = refine_camera
     output.mkdir(parents=True, exist_ok=True)
     models = pycolmap.incremental_mapping(
-        database, image_dir, output, options, next_image_callback=on_image or _nothing
+        database, image_dir, output, options, next_image_callback=on_image or _ignore_image
     )
     return _by_size(models)
 
 
-def adjust(model: pycolmap.Reconstruction, *, refine_camera: bool) -> None:
+def adjust_bundle(model: pycolmap.Reconstruction, *, refine_camera: bool) -> None:
     """The last bundle adjustments, in place: a rough one, and one that outliers do not bend.
 
     The robust loss has the scale of the residuals themselves: most features are good to a fifth of
     a pixel, and those a moving plume carries off are not. What that scale is, the rough one tells.
     """
     for tolerance in (ROUGH_TOLERANCE, FINE_TOLERANCE):
-        _adjust(model, refine_camera=refine_camera, tolerance=tolerance)
+        _adjust_once(model, refine_camera=refine_camera, tolerance=tolerance)
     model.update_point_3d_errors()
 
 
-def _adjust(model: pycolmap.Reconstruction, *, refine_camera: bool, tolerance: float) -> None:
+def _adjust_once(model: pycolmap.Reconstruction, *, refine_camera: bool, tolerance: float) -> None:
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = refine_camera
@@ -116,7 +116,7 @@ def _adjust(model: pycolmap.Reconstruction, *, refine_camera: bool, tolerance: f
     pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
 
 
-def _nothing() -> None:
+def _ignore_image() -> None:
     """The callback of those who ask for none."""
 
 

@@ -27,7 +27,7 @@ STAGES = {  # start and share of the whole call
 FATAL_ONLY = 3  # every other failure is reported through an exception
 
 
-class _Meter:
+class _ProgressMeter:
     """Turns the fraction of a stage into that of the whole call, which never falls."""
 
     def __init__(self, report: Progress | None) -> None:
@@ -42,7 +42,7 @@ class _Meter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Job:
+class _MappingJob:
     image_dir: Path
     names: list[str]
     workdir: Path
@@ -53,10 +53,10 @@ class _Job:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Solution:
+class _MappedModel:
     model: pycolmap.Reconstruction
     method: str
-    opinion: checks.Disagreement
+    opinion: checks.PathDisagreement
 
 
 def reconstruct(
@@ -92,10 +92,10 @@ def reconstruct(
         RegistrationError: The frames cannot be registered; the cause is named.
     """
     pycolmap.logging.minloglevel = FATAL_ONLY  # pycolmap.bundle_adjustment elsewhere resets it
-    tell = _Meter(progress)
+    report_progress = _ProgressMeter(progress)
     names = list(names)
     if len(names) < checks.MIN_FRAMES:
-        raise checks.fail(RegistrationFailure.TOO_FEW_FRAMES, f"{len(names)} frames")
+        raise checks.registration_error(RegistrationFailure.TOO_FEW_FRAMES, f"{len(names)} frames")
     start = features.starting_camera(*_image_size(image_dir / names[0]), camera, focal_prior_px)
     if camera is not None and (start.width, start.height) != _image_size(image_dir / names[0]):
         raise BadInputError(
@@ -104,22 +104,22 @@ def reconstruct(
         )
     workdir.mkdir(parents=True, exist_ok=True)
     database = workdir / "database.db"
-    pairs = _matched_pairs(database, image_dir, names, start, ordered, tell)
+    pairs = _matched_pairs(database, image_dir, names, start, ordered, report_progress)
     checks.check_matches(pairs, Camera.from_colmap(start), len(names))
-    job = _Job(
+    job = _MappingJob(
         image_dir=image_dir,
         names=names,
         workdir=workdir,
         database=database,
         pairs=pairs,
         refine=camera is None,
-        progress=tell,
+        progress=report_progress,
     )
-    solution = _solve(job)
-    tell("adjusting", 0.0)
-    mapping.adjust(solution.model, refine_camera=job.refine)
-    finished = _finish(job, solution, indices, times_s, ordered, focal_prior_px)
-    tell("adjusting", 1.0)
+    solution = _map_and_verify(job)
+    report_progress("adjusting", 0.0)
+    mapping.adjust_bundle(solution.model, refine_camera=job.refine)
+    finished = _finish_reconstruction(job, solution, indices, times_s, ordered, focal_prior_px)
+    report_progress("adjusting", 1.0)
     return finished
 
 
@@ -129,24 +129,24 @@ def _matched_pairs(
     names: list[str],
     camera: pycolmap.Camera,
     ordered: bool,
-    tell: Progress,
+    report_progress: Progress,
 ) -> list[features.MatchedPair]:
     """Verified pairs; where few frames hang together, again with more features and every pair."""
     for fine in (False, True):
-        counts = features.extract(
+        counts = features.extract_features(
             database,
             image_dir,
             names,
             camera,
-            lambda share: tell("finding features", share),
+            lambda share: report_progress("finding features", share),
             fine=fine,
         )
         if fine:
             checks.check_features(counts)
-        tell("matching features", 0.0)
+        report_progress("matching features", 0.0)
         many = len(names) > features.EXHAUSTIVE_UP_TO
-        features.match(database, sequential=many or (ordered and not fine))
-        tell("matching features", 1.0)
+        features.match_features(database, sequential=many or (ordered and not fine))
+        report_progress("matching features", 1.0)
         pairs = features.read_pairs(database, names)
         if checks.largest_component(pairs, len(names))[0] >= checks.MIN_SHARE * len(names):
             break
@@ -160,7 +160,7 @@ def _image_size(path: Path) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
 
-def _solve(job: _Job) -> _Solution:
+def _map_and_verify(job: _MappingJob) -> _MappedModel:
     """Global mapping where a second opinion supports it, incremental mapping where not."""
     job.progress("mapping", 0.0)
     models = mapping.map_globally(
@@ -170,37 +170,37 @@ def _solve(job: _Job) -> _Solution:
     subset, complete = _second_opinion(job)
     job.progress("mapping", 0.5)
     reasons = []
-    if models and subset and _share(models[0], job) >= checks.MIN_SHARE:
-        opinion = _compare(models[0], subset[0])
-        if opinion.tolerable and _support(models[0], job) >= checks.MIN_SUPPORT:
-            return _Solution(model=models[0], method="global", opinion=opinion)
+    if models and subset and _registered_share(models[0], job) >= checks.MIN_SHARE:
+        opinion = _compare_models(models[0], subset[0])
+        if opinion.is_tolerable and _epipolar_support(models[0], job) >= checks.MIN_SUPPORT:
+            return _MappedModel(model=models[0], method="global", opinion=opinion)
         reasons.append(f"global and subset differ by {opinion.center_share:.0%} of the path")
-    full = subset if complete else _incremental(job, job.names)
-    if full and _share(full[0], job) >= checks.MIN_SHARE:
-        witness = models if complete else subset
-        support = _support(full[0], job)
-        opinion = _compare(full[0], witness[0]) if witness else checks.NO_OPINION
-        needed = checks.MIN_SUPPORT if opinion.tolerable else checks.MIN_SUPPORT_ALONE
-        if support >= needed and (opinion.tolerable or complete):
-            return _Solution(model=full[0], method="incremental", opinion=opinion)
+    full = subset if complete else _map_incrementally(job, job.names)
+    if full and _registered_share(full[0], job) >= checks.MIN_SHARE:
+        reference = models if complete else subset
+        support = _epipolar_support(full[0], job)
+        opinion = _compare_models(full[0], reference[0]) if reference else checks.NO_OPINION
+        needed = checks.MIN_SUPPORT if opinion.is_tolerable else checks.MIN_SUPPORT_ALONE
+        if support >= needed and (opinion.is_tolerable or complete):
+            return _MappedModel(model=full[0], method="incremental", opinion=opinion)
         reasons.append(f"incremental and {'global' if complete else 'subset'} differ too")
-    raise _no_model(job, full or models, reasons)
+    raise _failure_of(job, full or models, reasons)
 
 
-def _second_opinion(job: _Job) -> tuple[list[pycolmap.Reconstruction], bool]:
+def _second_opinion(job: _MappingJob) -> tuple[list[pycolmap.Reconstruction], bool]:
     """Incremental mapping of a spread subset; True where it had to be all images."""
     count = len(job.names)
     stride = 2 ** max(0, int(np.log2(count / checks.OPINION_FRAMES)))
     while stride > 1:
         subset = job.names[::stride]
-        models = _incremental(job, subset)
+        models = _map_incrementally(job, subset)
         if models and models[0].num_reg_images() >= checks.MIN_SHARE * len(subset):
             return models, False
         stride //= 2
-    return _incremental(job, job.names), True
+    return _map_incrementally(job, job.names), True
 
 
-def _incremental(job: _Job, names: list[str]) -> list[pycolmap.Reconstruction]:
+def _map_incrementally(job: _MappingJob, names: list[str]) -> list[pycolmap.Reconstruction]:
     done = 0
 
     def on_image() -> None:
@@ -218,22 +218,24 @@ def _incremental(job: _Job, names: list[str]) -> list[pycolmap.Reconstruction]:
     )
 
 
-def _share(model: pycolmap.Reconstruction, job: _Job) -> float:
+def _registered_share(model: pycolmap.Reconstruction, job: _MappingJob) -> float:
     return float(model.num_reg_images() / len(job.names))
 
 
-def _support(model: pycolmap.Reconstruction, job: _Job) -> float:
+def _epipolar_support(model: pycolmap.Reconstruction, job: _MappingJob) -> float:
     row_of = {name: row for row, name in enumerate(job.names)}
     poses = {row_of[i.name]: i.cam_from_world() for i in summary.registered_images(model)}
     return checks.epipolar_support(job.pairs, next(iter(model.cameras.values())), poses)
 
 
-def _compare(a: pycolmap.Reconstruction, b: pycolmap.Reconstruction) -> checks.Disagreement:
+def _compare_models(
+    a: pycolmap.Reconstruction, b: pycolmap.Reconstruction
+) -> checks.PathDisagreement:
     poses_a, poses_b = summary.poses_by_name(a), summary.poses_by_name(b)
     common = sorted(poses_a.keys() & poses_b.keys())
     if not common:
         return checks.NO_OPINION
-    return checks.compare(
+    return checks.compare_paths(
         np.array([poses_a[name][0] for name in common]),
         np.array([poses_a[name][1] for name in common]),
         np.array([poses_b[name][0] for name in common]),
@@ -241,27 +243,29 @@ def _compare(a: pycolmap.Reconstruction, b: pycolmap.Reconstruction) -> checks.D
     )
 
 
-def _no_model(
-    job: _Job, models: list[pycolmap.Reconstruction], reasons: list[str]
+def _failure_of(
+    job: _MappingJob, models: list[pycolmap.Reconstruction], reasons: list[str]
 ) -> RegistrationError:
     count = len(job.names)
     connected, parts = checks.largest_component(job.pairs, count)
     if reasons and connected >= checks.MIN_SHARE * count:
-        return checks.fail(RegistrationFailure.IMPLAUSIBLE_POSES, ", ".join(reasons))
+        return checks.registration_error(RegistrationFailure.IMPLAUSIBLE_POSES, ", ".join(reasons))
     registered = models[0].num_reg_images() if models else 0
     what = f"{registered} of {count} frames registered"
     if parts > 1 or len(models) > 1:
-        return checks.fail(
+        return checks.registration_error(
             RegistrationFailure.SPLIT_MODELS, f"{what}, in {max(parts, len(models))} parts"
         )
     if connected < checks.MIN_SHARE * count or models:
-        return checks.fail(RegistrationFailure.LOW_TEXTURE, what)
-    return checks.fail(RegistrationFailure.PURE_ROTATION, f"{what}, no depth to be seen")
+        return checks.registration_error(RegistrationFailure.LOW_TEXTURE, what)
+    return checks.registration_error(
+        RegistrationFailure.PURE_ROTATION, f"{what}, no depth to be seen"
+    )
 
 
-def _finish(
-    job: _Job,
-    solution: _Solution,
+def _finish_reconstruction(
+    job: _MappingJob,
+    solution: _MappedModel,
     indices: IntArray,
     times_s: FloatArray,
     ordered: bool,
@@ -273,8 +277,8 @@ def _finish(
     if job.refine:
         checks.check_focal(camera.mean_focal_length(), focal_prior_px, side)
     rows, ids = summary.rows_and_ids(model, job.names)
-    raw = summary.trajectory(model, ids, indices[rows], times_s[rows])
-    points, errors_px, visible = summary.points(model, ids)
+    raw = summary.model_trajectory(model, ids, indices[rows], times_s[rows])
+    points, errors_px, visible = summary.sparse_points(model, ids)
     distance = summary.view_distance(raw.centers_in_world, points, visible)
     scene_from_model, up_source = normalising_transform(raw, points, distance)
     model.transform(
@@ -286,8 +290,8 @@ def _finish(
     )
     covariances = pose_covariances(model, ids, refined_camera=job.refine)
     points = scene_from_model(points)
-    trajectory = summary.trajectory(model, ids, indices[rows], times_s[rows], covariances)
-    report = summary.report(model, trajectory, points, visible)
+    trajectory = summary.model_trajectory(model, ids, indices[rows], times_s[rows], covariances)
+    report = summary.quality_report(model, trajectory, points, visible)
     report |= {
         "method": solution.method,
         "registered_share": len(ids) / len(job.names),
@@ -295,7 +299,7 @@ def _finish(
         "second_opinion_center_share": solution.opinion.center_share,
         "second_opinion_rotation_deg": solution.opinion.rotation_deg,
         "second_opinion_frames": solution.opinion.count,
-        "epipolar_support": _support(model, job),
+        "epipolar_support": _epipolar_support(model, job),
         "focal_prior_px": focal_prior_px,
         "up_from": up_source,
     }
@@ -309,10 +313,10 @@ def _finish(
         points_in_world=points,
         point_errors_px=errors_px,
         visible=visible,
-        report={key: _plain(value) for key, value in report.items()},
+        report={key: _finite_or_none(value) for key, value in report.items()},
     )
 
 
-def _plain(value: Any) -> Any:
+def _finite_or_none(value: Any) -> Any:
     """None for a number that JSON does not know: nothing was measured."""
     return None if isinstance(value, float) and not np.isfinite(value) else value

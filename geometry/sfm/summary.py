@@ -7,7 +7,7 @@ import pycolmap
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
-from geometry.sfm.checks import roughness
+from geometry.sfm.checks import path_roughness
 from geometry.sfm.covariance import residual_sigma_px
 from geometry.trajectory import Trajectory
 
@@ -32,7 +32,7 @@ def rows_and_ids(model: pycolmap.Reconstruction, names: list[str]) -> tuple[IntA
     return np.array(rows, dtype=np.int64), [ids[names[row]] for row in rows]
 
 
-def trajectory(
+def model_trajectory(
     model: pycolmap.Reconstruction,
     image_ids: list[int],
     indices: IntArray,
@@ -51,7 +51,7 @@ def trajectory(
     )
 
 
-def points(
+def sparse_points(
     model: pycolmap.Reconstruction, image_ids: list[int]
 ) -> tuple[FloatArray, FloatArray, tuple[IntArray, ...]]:
     """(M, 3) points, (M,) their errors in px, and the rows each image sees."""
@@ -95,7 +95,7 @@ def triangulation_angles_deg(
     return angles
 
 
-def report(
+def quality_report(
     model: pycolmap.Reconstruction,
     poses: Trajectory,
     points_in_world: FloatArray,
@@ -110,5 +110,5 @@ def report(
         "residual_sigma_px": residual_sigma_px(model),
         "focal_px": poses.camera.focal_px,
         "triangulation_angle_deg": float(np.median(angles)) if len(angles) else 0.0,
-        "roughness": roughness(poses.centers_in_world, poses.indices),
+        "roughness": path_roughness(poses.centers_in_world, poses.indices),
     }

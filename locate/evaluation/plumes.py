@@ -64,7 +64,7 @@ def plume_errors(
                 error_percent=100 * distance / float(truth.ranges[i]),
                 nees=_nees(
                     sources[k] - truth.sources[i],
-                    truth_from_map.covariance(plume.source_covariance),
+                    truth_from_map.transform_covariance(plume.source_covariance),
                 ),
                 axis_error_deg=float(np.degrees(_angle_between(axis, truth.axes[i]))),
             )

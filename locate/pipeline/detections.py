@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 from detect.detection import Detection, Detector
 from detect.response import Response
 from geometry.arrays import IntArray
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError, first_complaint
 from locate.journal.progress import Report
 from locate.recording.posed_frames import PosedFrames
@@ -92,7 +92,7 @@ class DetectionIndex(BaseModel):
 
     def save(self, folder: Path) -> None:
         """Writes the index, whole or not at all."""
-        with replacing(folder / INDEX) as path:
+        with atomic_path(folder / INDEX) as path:
             path.write_text(self.model_dump_json(exclude_none=True))
 
     @classmethod

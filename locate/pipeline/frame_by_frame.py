@@ -11,7 +11,7 @@ import numpy as np
 
 from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
@@ -118,7 +118,7 @@ def _look(
         video = None
         if len(frames) > 1 and len(sizes) == 1:
             height, width = sizes.pop()
-            unfinished = stack.enter_context(replacing(output / VIDEO))
+            unfinished = stack.enter_context(atomic_path(output / VIDEO))
             video = stack.enter_context(open_video(unfinished, size=(width, height), fps=files.fps))
         for index, label in enumerate(files.labels):
             report("detections", index / len(frames))
@@ -132,7 +132,7 @@ def _look(
 
 
 def _save(detection: Detection, output: Path, label: str, threshold_nats: float) -> None:
-    with replacing(output / "detections" / f"{label}.npz") as unfinished:
+    with atomic_path(output / "detections" / f"{label}.npz") as unfinished:
         detection.save(unfinished)
     mask = np.where(detection.llr > threshold_nats, np.uint8(255), np.uint8(0))
     write_png(output / "masks" / f"{label}.png", mask)

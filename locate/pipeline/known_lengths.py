@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError, first_complaint
-from geometry.georeference import Scale
+from geometry.georeference import ScaleConstraint
 from geometry.georeference.board import find_board, marker_board, scale_from_board
 from geometry.georeference.lengths import point_from_pixels, scale_from_distance
 from geometry.trajectory import Trajectory
@@ -57,7 +57,7 @@ class KnownDistance(BaseModel):
             field, what = first_complaint(error)
             raise BadInputError(f"{path}: {field or 'distance'}: {what}") from error
 
-    def scale(self, trajectory: Trajectory, rows: Mapping[str, int]) -> Scale:
+    def scale(self, trajectory: Trajectory, rows: Mapping[str, int]) -> ScaleConstraint:
         """What it says of a reconstruction.
 
         Args:
@@ -123,7 +123,9 @@ class KnownLengths:
             distance=None if distance is None else KnownDistance.load(distance),
         )
 
-    def scales(self, trajectory: Trajectory, folder: Path, names: Sequence[str]) -> list[Scale]:
+    def scales(
+        self, trajectory: Trajectory, folder: Path, names: Sequence[str]
+    ) -> list[ScaleConstraint]:
         """What the lengths say of a reconstruction.
 
         Args:

@@ -13,8 +13,8 @@ from geometry.georeference import (
     Constraint,
     Georeference,
     HeightDatum,
-    Scale,
-    Up,
+    ScaleConstraint,
+    UpConstraint,
     fit_similarity,
 )
 from geometry.georeference.fixes import positions_of_cameras
@@ -108,7 +108,7 @@ def place_reconstruction(
     asked: bool = False,
     camera_height_m: float | None = None,
     points_in_world: FloatArray | None = None,
-    lengths: Sequence[Scale] = (),
+    lengths: Sequence[ScaleConstraint] = (),
 ) -> Placement:
     """Places a reconstruction by all that is known of it.
 
@@ -142,7 +142,7 @@ def place_reconstruction(
             if asked:
                 raise
             notes = (*notes, f"Telemetry left out: {error}.")
-    if not any(isinstance(constraint, Scale) for constraint in ground):
+    if not any(isinstance(constraint, ScaleConstraint) for constraint in ground):
         return Placement(notes=notes)
     return Placement(alignment=fit_similarity(ground), notes=notes)
 
@@ -193,8 +193,8 @@ def _by_track(
         shared_sigma_m=(0.0, 0.0, 0.0) if precise else SHARED_SIGMA_M,
     )
     upright = _up_by_gimbal(trajectory, records)
-    ups = [c for c in ground if isinstance(c, Up)] if upright is None else [upright]
-    scales = [c for c in ground if isinstance(c, Scale)]
+    ups = [c for c in ground if isinstance(c, UpConstraint)] if upright is None else [upright]
+    scales = [c for c in ground if isinstance(c, ScaleConstraint)]
     alignment = fit_similarity([positions, *ups, *scales])
     return Placement(alignment=alignment, georeference=georeference, notes=notes)
 
@@ -239,7 +239,7 @@ def _sigmas_m(records: TelemetryTrack, step_m: float) -> FloatArray:
     return np.stack([horizontal, horizontal, vertical], axis=1)
 
 
-def _up_by_gimbal(trajectory: Trajectory, records: TelemetryTrack) -> Up | None:
+def _up_by_gimbal(trajectory: Trajectory, records: TelemetryTrack) -> UpConstraint | None:
     """Up by the camera's own attitude, where most frames have it."""
     pitch_deg, roll_deg = records.gimbal_pitch_deg, records.gimbal_roll_deg
     known = np.isfinite(pitch_deg) & np.isfinite(roll_deg)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Self
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.removal import is_plain_name, path_inside, remove_inside
 from locate import __version__
@@ -246,5 +246,5 @@ class RunFolder:
 
 def replace_text(path: Path, text: str) -> None:
     """Writes a text file at once or not at all."""
-    with replacing(path) as unfinished:
+    with atomic_path(path) as unfinished:
         unfinished.write_text(text)

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 
 from geometry.arrays import GreyImage
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 
 PAPERS_MM = {
@@ -139,7 +139,7 @@ def write_sheet(
             raise BadInputError(f"{path}: {other or 'no'} format; end the name in .pdf or .png")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as unfinished:
+        with atomic_path(path) as unfinished:
             unfinished.write_bytes(content)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from detect.warp import sample
 from geometry.arrays import FloatMap, GreyImage
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 
@@ -86,7 +86,7 @@ def read_grey(path: Path) -> GreyImage:
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
     """Writes a colour picture or a grey image, whole or not at all."""
     _, content = cv2.imencode(".png", picture)
-    with replacing(path) as unfinished:
+    with atomic_path(path) as unfinished:
         unfinished.write_bytes(content.tobytes())
 
 

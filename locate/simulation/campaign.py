@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from geometry.arrays import FloatArray
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
 from locate.simulation.paths import fly
@@ -230,7 +230,7 @@ def simulate_campaign(campaign: Campaign, output: Path, *, progress: Progress = 
         "sites": [_site_truth(site, place) for site in campaign.sites],
         "flights": flights,
     }
-    with replacing(output / "truth.json") as path:
+    with atomic_path(output / "truth.json") as path:
         path.write_text(json.dumps(content, indent=1))
 
 

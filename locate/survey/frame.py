@@ -95,7 +95,7 @@ def _seen(index: int, plume: Plume, flight: Flight, offset: Offset) -> Seen:
         flight=index,
         plume=plume,
         position=position,
-        own=offset.survey_from_flight.covariance(own),
+        own=offset.survey_from_flight.transform_covariance(own),
         by_offset=offset.jacobian(position)[0],
         axis=offset.survey_from_flight.rotation @ plume.axis,
     )

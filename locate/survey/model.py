@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
 from geometry.removal import is_plain_name
@@ -181,7 +181,7 @@ class Survey(Block):
     def save(self, path: Path) -> None:
         """Writes survey.json, whole or not at all."""
         content = {"schema": SCHEMA, **self.model_dump(mode="json")}
-        with replacing(path) as unfinished:
+        with atomic_path(path) as unfinished:
             unfinished.write_text(json.dumps(content, indent=1, allow_nan=False))
 
     @classmethod

@@ -4,7 +4,7 @@ import json
 import logging
 from pathlib import Path
 
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import LocateError
 from locate.export.geojson import collection_of
 from locate.export.waypoints import write_cup_places, write_gpx_places
@@ -25,24 +25,24 @@ def publish(output: Path, survey: Survey, cells: Cells | None) -> None:
     Without the extra ``survey`` there is no raster, and the log says so.
     """
     places = located_hotspots(survey)
-    with replacing(output / "hotspots.geojson") as path:
+    with atomic_path(output / "hotspots.geojson") as path:
         path.write_text(json.dumps(collection_of(places), indent=1, allow_nan=False))
-    with replacing(output / "hotspots.cup") as path:
+    with atomic_path(output / "hotspots.cup") as path:
         write_cup_places(path, places)
-    with replacing(output / "hotspots.gpx") as path:
+    with atomic_path(output / "hotspots.gpx") as path:
         write_gpx_places(path, places)
-    with replacing(output / "survey.gpkg") as path:
+    with atomic_path(output / "survey.gpkg") as path:
         write_layers(path, survey, cells)
     (output / RASTER).unlink(missing_ok=True)
     if cells is not None:
         _raster(output / RASTER, survey, cells)
-    with replacing(output / "map.html") as path:
+    with atomic_path(output / "map.html") as path:
         write_map_page(path, survey, cells)
 
 
 def _raster(path: Path, survey: Survey, cells: Cells) -> None:
     try:
-        with replacing(path) as unfinished:
+        with atomic_path(path) as unfinished:
             write_raster(unfinished, survey, cells)
     except LocateError as error:
         log.warning(str(error))

@@ -186,7 +186,7 @@ def _sightings(
     right = [
         (
             (positions[k] - standing[i])[:2],
-            moved.covariance(plumes[k].source_covariance)[:2, :2],
+            moved.transform_covariance(plumes[k].source_covariance)[:2, :2],
         )
         for i, k in paired
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.removal import path_inside
 from locate.pipeline.fingerprint import digest
@@ -147,7 +147,7 @@ def _pull_file(files: Any, path: str, size: int, target: Path) -> None:
     if target.exists() and target.stat().st_size == size and not _is_state(target):
         return
     target.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(target) as unfinished:
+    with atomic_path(target) as unfinished:
         files.get_file(path, str(unfinished))
 
 

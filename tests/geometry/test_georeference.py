@@ -12,12 +12,12 @@ from geometry.georeference import (
     Alignment,
     Georeference,
     HeightDatum,
-    Positions,
-    Scale,
-    Up,
+    PositionConstraint,
+    ScaleConstraint,
+    UpConstraint,
     fit_similarity,
 )
-from geometry.georeference.constraints import moved, point_jacobian
+from geometry.georeference.constraints import apply_tangent, point_jacobian
 from geometry.similarity import Similarity
 from tests.geometry.surveys import arc, strips, survey, tangent_between
 
@@ -30,7 +30,7 @@ GEOMETRIC_SIGMA_M = 0.3
 def test_the_tangent_is_the_documented_one() -> None:
     similarity = Similarity(scale=2.0, rotation=np.eye(3), translation=np.array([1.0, 2.0, 3.0]))
     step, points = 1e-6 * np.arange(1.0, 8.0), np.array([[3.0, -1.0, 2.0], [0.0, 5.0, 1.0]])
-    change = moved(similarity, step)(points) - similarity(points)
+    change = apply_tangent(similarity, step)(points) - similarity(points)
     np.testing.assert_allclose(change, point_jacobian(similarity(points)) @ step, atol=1e-9)
 
 
@@ -101,7 +101,7 @@ def test_a_plumes_covariance_honours_the_error_of_its_frame(
 def test_a_shared_error_is_added_to_the_place_alone() -> None:
     flight = survey(strips(30), np.random.default_rng(3))
     fixes = vars(flight.fixes) | {"shared_sigma_m": (2.0, 2.0, 4.0)}
-    alone, shared = fit_similarity([flight.fixes]), fit_similarity([Positions(**fixes)])
+    alone, shared = fit_similarity([flight.fixes]), fit_similarity([PositionConstraint(**fixes)])
     added = shared.position_covariances(SOURCE_IN_ENU) - alone.position_covariances(SOURCE_IN_ENU)
     np.testing.assert_allclose(added[0], np.diag([4.0, 4.0, 16.0]), atol=1e-9)
     assert shared.scale_sigma == pytest.approx(alone.scale_sigma)
@@ -137,8 +137,10 @@ def test_a_straight_path_needs_gravity() -> None:
 
 def test_without_positions_the_frame_keeps_its_heading_and_origin() -> None:
     tilted = Rotation.from_euler("x", 20, degrees=True).as_matrix()
-    up = Up(name="gimbal", up_in_source=tilted.T @ [0.0, 0.0, 1.0], sigma_rad=0.01)
-    fitted = fit_similarity([up, Scale(name="board", metres_per_unit=3.0, sigma_log=0.01)])
+    up = UpConstraint(name="gimbal", up_in_source=tilted.T @ [0.0, 0.0, 1.0], sigma_rad=0.01)
+    fitted = fit_similarity(
+        [up, ScaleConstraint(name="board", metres_per_unit=3.0, sigma_log=0.01)]
+    )
     np.testing.assert_allclose(fitted.target_from_source.rotation, tilted, atol=1e-9)
     assert fitted.target_from_source.scale == pytest.approx(3.0)
     np.testing.assert_allclose(np.diag(fitted.covariance), [1e-4, 1e-4, 0, 0, 0, 0, 1e-4])
@@ -167,8 +169,8 @@ def test_an_alignment_survives_its_block() -> None:
 def test_two_scales_are_weighed_by_their_uncertainty() -> None:
     fitted = fit_similarity(
         [
-            Scale(name="board", metres_per_unit=2.0, sigma_log=0.01),
-            Scale(name="distance", metres_per_unit=2.04, sigma_log=0.02),
+            ScaleConstraint(name="board", metres_per_unit=2.0, sigma_log=0.01),
+            ScaleConstraint(name="distance", metres_per_unit=2.04, sigma_log=0.02),
         ]
     )
     expected = np.exp((np.log(2.0) / 0.01**2 + np.log(2.04) / 0.02**2) / (1 / 1e-4 + 1 / 4e-4))
@@ -179,13 +181,13 @@ def test_two_scales_are_weighed_by_their_uncertainty() -> None:
 def test_sources_that_contradict_each_other_are_refused_in_one_line() -> None:
     rng = np.random.default_rng(9)
     flight = survey(strips(40), rng)
-    wrong = Scale(
+    wrong = ScaleConstraint(
         name="known distance", metres_per_unit=2 * flight.enu_from_scene.scale, sigma_log=0.01
     )
     with pytest.raises(BadInputError, match=r"known distance says .* sigma apart") as refusal:
         fit_similarity([flight.fixes, wrong])
     assert "\n" not in str(refusal.value)
-    sideways = Up(
+    sideways = UpConstraint(
         name="gimbal",
         up_in_source=flight.scene_from_enu.rotation @ [1.0, 0.0, 0.0],
         sigma_rad=np.radians(0.5),
@@ -204,12 +206,12 @@ def test_too_few_fixes_are_refused(count: int, message: str) -> None:
         for name, value in vars(fixes).items()
     }
     with pytest.raises(BadInputError, match=message):
-        fit_similarity([Positions(**few)])
+        fit_similarity([PositionConstraint(**few)])
 
 
 def test_four_fixes_that_miss_their_stated_sigma_widen_it() -> None:
     fixes = survey(strips(4), np.random.default_rng(6), sigmas_m=np.full(3, 2.0)).fixes
-    stated = Positions(**vars(fixes) | {"sigmas_m": np.full((4, 3), 0.02)})
+    stated = PositionConstraint(**vars(fixes) | {"sigmas_m": np.full((4, 3), 0.02)})
     fitted = fit_similarity([stated])
     assert fitted.sources[0].sigma > 0.1
     assert fitted.scale_sigma > 0.002

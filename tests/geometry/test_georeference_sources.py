@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum, fit_similarity
-from geometry.georeference.board import Sighting, find_board, marker_board, scale_from_board
+from geometry.georeference.board import BoardSighting, find_board, marker_board, scale_from_board
 from geometry.georeference.fixes import MAX_FIXES, positions_of_cameras
 from geometry.georeference.gravity import up_from_gimbal, up_from_ground, up_from_vectors
 from geometry.georeference.lengths import point_from_pixels, scale_from_distance, scale_from_height
@@ -164,7 +164,7 @@ def test_a_board_in_the_frames_gives_the_scale(dictionary: str) -> None:
     with pytest.raises(BadInputError, match="at least 2"):
         scale_from_board(scene, sightings[:1])
     at_rest = [
-        Sighting(row=0, **{k: v for k, v in vars(s).items() if k != "row"})
+        BoardSighting(row=0, **{k: v for k, v in vars(s).items() if k != "row"})
         for s in (sightings[0], sightings[0])
     ]
     with pytest.raises(BadInputError, match="one place"):

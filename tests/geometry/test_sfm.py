@@ -15,7 +15,7 @@ from geometry.errors import BadInputError, RegistrationError, RegistrationFailur
 from geometry.sfm import Reconstruction, checks, mapping, reconstruct
 from geometry.sfm.reconstruct import STAGES
 from geometry.sfm.summary import triangulation_angles_deg
-from geometry.similarity import align
+from geometry.similarity import align_points
 
 WIDTH, HEIGHT, FOCAL = 480, 360, 420.0
 K = np.array([[FOCAL, 0, (WIDTH - 1) / 2], [0, FOCAL, (HEIGHT - 1) / 2], [0, 0, 1]])
@@ -131,7 +131,7 @@ def test_room_with_free_focal(
     found = run(tmp_path, room_images, progress=stages.__setitem__)
     eyes = np.array([-r.T @ t for r, t in room_poses])
     centers = found.trajectory.centers_in_world
-    errors = np.linalg.norm(align(centers, eyes)(centers) - eyes, axis=1)
+    errors = np.linalg.norm(align_points(centers, eyes)(centers) - eyes, axis=1)
     assert len(found.trajectory) == 10
     assert found.report["focal_px"] == pytest.approx(FOCAL, rel=0.02)
     assert np.median(errors) < 0.02
@@ -210,7 +210,7 @@ def test_flat_scene_is_fine(tmp_path: Path) -> None:
     poses = [(down, -down @ eye) for eye in eyes]
     found = run(tmp_path, [render(FLOOR, *pose) for pose in poses], camera=true_camera())
     centers = found.trajectory.centers_in_world
-    errors = np.linalg.norm(align(centers, np.array(eyes))(centers) - eyes, axis=1)
+    errors = np.linalg.norm(align_points(centers, np.array(eyes))(centers) - eyes, axis=1)
     assert np.median(errors) < 0.03
 
 
@@ -299,8 +299,8 @@ def test_jagged_path_is_refused() -> None:
 def test_roughness_tells_a_path_from_a_scatter() -> None:
     random = np.random.default_rng(0)
     line = np.cumsum(np.ones((60, 3)), axis=0) + random.normal(scale=0.05, size=(60, 3))
-    assert checks.roughness(line, np.arange(60)) < 0.3
-    assert checks.roughness(random.normal(size=(60, 3)), np.arange(60)) > checks.MAX_ROUGHNESS
+    assert checks.path_roughness(line, np.arange(60)) < 0.3
+    assert checks.path_roughness(random.normal(size=(60, 3)), np.arange(60)) > checks.MAX_ROUGHNESS
 
 
 def test_camera_of_another_size_is_refused(tmp_path: Path, room_images: list[np.ndarray]) -> None:

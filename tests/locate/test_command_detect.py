@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from detect.detection import Detection, Detector, Frames
 from detect.registry import KINDS, DetectorChoice, make_detector
 from detect.response import Response
-from geometry.atomic import replacing
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.npz import read_npz
 from locate.commands.detect import detect
@@ -168,7 +168,7 @@ def test_failure_leaves_nothing_half_written(photos: Path, tmp_path: Path) -> No
 
 
 def fail_half_way(path: Path) -> None:
-    with replacing(path) as unfinished:
+    with atomic_path(path) as unfinished:
         unfinished.write_text("half")
         raise EOFError
 

@@ -72,7 +72,7 @@ def test_errors_and_covariance_go_through_the_similarity(tmp_path: Path) -> None
     true = plume(SOURCE + offset)
     mapped = plume(
         MAP_FROM_TRUTH(true.source),
-        source_covariance=MAP_FROM_TRUTH.covariance(true.source_covariance),
+        source_covariance=MAP_FROM_TRUTH.transform_covariance(true.source_covariance),
         axis=MAP_FROM_TRUTH.rotation @ true.axis,
     )
     trajectory = orbit().transformed(MAP_FROM_TRUTH)
