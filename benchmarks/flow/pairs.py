@@ -27,7 +27,7 @@ import scipy.io
 from detect.bos import texture_of, unbiased_flow
 from detect.bos_checks import FrameCheck
 from detect.dybs import DybsDetector
-from detect.dybs.eye import SingleFrame
+from detect.dybs.estimator import SingleFrameEstimator
 from detect.flow import METHODS, flow_method
 from detect.scores import auroc
 from geometry.arrays import FloatArray, FloatMap, GreyImage
@@ -89,20 +89,20 @@ def compare_methods(data: Path, methods: Sequence[str]) -> None:
 
 def network_row(path: Path, image: GreyImage, truth: FloatMap | None) -> str:
     """What a single-frame network, its demodulator and its calibrated evidence make of an image."""
-    eye = SingleFrame(path)
-    look = eye.look(image)
-    logit, size = look.scores[..., 0], np.linalg.norm(look.displacement, axis=-1)
+    estimator = SingleFrameEstimator(path)
+    estimate = estimator.estimate(image)
+    logit, size = estimate.scores[..., 0], np.linalg.norm(estimate.displacement, axis=-1)
     evidence = "-"
-    if eye.network.json("calibration") is not None:
-        evidence = f"{(DybsDetector(path).judge(look).llr > 1).mean():.4f}"
+    if estimator.network.json("calibration") is not None:
+        evidence = f"{(DybsDetector(path).to_detection(estimate).llr > 1).mean():.4f}"
     said = f"{size.mean():.3f} | {(logit > 0).mean():.3f} | {evidence}"
     if truth is None:
         return f"{said} | - | - | -"
     true_size = np.linalg.norm(truth, axis=-1)
     judged = (true_size > PLUME_PX) | (true_size < STILL_PX)
     area = auroc(logit[judged], true_size[judged] > PLUME_PX)
-    r = [np.corrcoef(look.displacement[..., k].flat, truth[..., k].flat)[0, 1] for k in (0, 1)]
-    error = np.linalg.norm(look.displacement - truth, axis=-1).mean()
+    r = [np.corrcoef(estimate.displacement[..., k].flat, truth[..., k].flat)[0, 1] for k in (0, 1)]
+    error = np.linalg.norm(estimate.displacement - truth, axis=-1).mean()
     return f"{said} | {area:.3f} | {r[0]:.2f}, {r[1]:.2f} | {error:.3f} / {true_size.mean():.3f}"
 
 

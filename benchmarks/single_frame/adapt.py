@@ -30,7 +30,7 @@ from detect.bos import BosDetector
 from detect.detection import Frames
 from detect.differential import lucas_kanade
 from detect.dybs import DybsDetector
-from detect.dybs.eye import SingleFrame
+from detect.dybs.estimator import SingleFrameEstimator
 from detect.learning.background_adaptation import adapt
 from detect.scores import auroc, average_precision
 from detect.synthesis import Recipe, Sample, Sources
@@ -108,22 +108,22 @@ def of_pair(reference: GreyImage, image: GreyImage) -> Judged:
 
 def row(weights: Path, judged: list[Judged]) -> str:
     """AUROC / AP of the logit, r, error / of zero, and share of still pixels above 2 nats."""
-    eye, thin = SingleFrame(weights), (slice(None, None, THINNED),) * 2
-    calibrated = eye.network.json("calibration") is not None
+    estimator, thin = SingleFrameEstimator(weights), (slice(None, None, THINNED),) * 2
+    calibrated = estimator.network.json("calibration") is not None
     detector = DybsDetector(weights) if calibrated else None
     scores, labels, found, true, said, pixels, errors, sizes = [], [], [], [], [], [], [], []
     for one in judged:
-        look = eye.look(one.image)
+        estimate = estimator.estimate(one.image)
         counts = (one.plume | one.still)[thin]
-        scores.append(look.scores[thin][counts][:, 0])
+        scores.append(estimate.scores[thin][counts][:, 0])
         labels.append(one.plume[thin][counts])
-        found.append(look.displacement[thin].reshape(-1))
+        found.append(estimate.displacement[thin].reshape(-1))
         true.append(one.displacement[thin].reshape(-1))
-        error = np.linalg.norm(look.displacement - one.displacement, axis=-1)
+        error = np.linalg.norm(estimate.displacement - one.displacement, axis=-1)
         errors.append(error[one.plume])
         sizes.append(np.linalg.norm(one.displacement, axis=-1)[one.plume])
         if detector is not None:
-            llr = detector.judge(look).llr
+            llr = detector.to_detection(estimate).llr
             masks = llr > MASK_NATS
             said.append([masks[one.plume].sum(), masks[one.still].sum()])
             pixels.append([one.plume.sum(), one.still.sum()])
@@ -158,7 +158,7 @@ def compare(
         began = time.process_time()
         adapt(start, known, path, minutes=minutes, report=lambda *_: None)
         spent = time.process_time() - began
-        heard = ", ".join((SingleFrame(path).network.json("calibration") or {})["classes"])
+        heard = ", ".join((SingleFrameEstimator(path).network.json("calibration") or {})["classes"])
         print(
             f"{name} {size}, adapted: {row(path, judged)}   {spent:.0f} CPU s, "
             f"heard: {heard or 'nothing'}",

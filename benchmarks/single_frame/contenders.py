@@ -31,12 +31,12 @@ import numpy as np
 from detect.calibration import expected_calibration_error, posterior
 from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
-from detect.dybs.demodulation import demodulate
+from detect.dybs.demodulation import demodulate_lattice
 from detect.dybs.detector import CLASS_NAMES
-from detect.dybs.edges import straightness
-from detect.dybs.eye import WHITE, Look, Reading, joined
-from detect.dybs.judge import Judge
-from detect.dybs.measure import Measured, measure
+from detect.dybs.edges import measure_edges
+from detect.dybs.estimator import WHITE, Estimate, RefinedMeasurement, combine_estimates
+from detect.dybs.pattern_measurement import PatternMeasurement, measure_pattern
+from detect.dybs.refinement import RefinementNetwork
 from detect.learning.dybs_calibration import labels_of
 from detect.network import Network
 from detect.scores import auroc, average_precision
@@ -82,27 +82,29 @@ class Contenders:
 
     def answers(self, image: GreyImage) -> Iterator[tuple[str, Answer]]:
         yield "null", Answer(score=self._null)
-        reading = Reading.of(image, next(iter(self._detectors.values())).eye.judge)
-        yield "waves alone", waves_alone(reading.measured, image.shape)
-        says = reading.says or {"logit": np.zeros(image.shape, np.float32)}
+        measurement = RefinedMeasurement.of_image(
+            image, next(iter(self._detectors.values())).estimator.refinement
+        )
+        yield "waves alone", waves_alone(measurement.measured, image.shape)
+        says = measurement.refined or {"logit": np.zeros(image.shape, np.float32)}
         yield "judge alone", Answer(score=says["logit"], displacement=says.get("displacement"))
         for name, detector in self._detectors.items():
-            seen = detector.eye.maps(image)
+            seen = detector.estimator.network_maps(image)
             yield f"{name} alone", Answer(score=seen["logit"], displacement=seen["displacement"])
-            look = joined(seen, reading)
-            judged = detector.judge(look)
+            estimate = combine_estimates(seen, measurement)
+            judged = detector.to_detection(estimate)
             yield (
                 f"dybs, {name}",
                 Answer(
-                    score=unbounded(detector, look),
+                    score=unbounded(detector, estimate),
                     displacement=judged.displacement,
-                    probability=probability(detector, look, judged),
+                    probability=probability(detector, estimate, judged),
                     llr=judged.llr,
                 ),
             )
 
 
-def waves_alone(measured: Measured, shape: tuple[int, ...]) -> Answer:
+def waves_alone(measured: PatternMeasurement, shape: tuple[int, ...]) -> Answer:
     """The waves' displacement; its score is the size in their own sigmas, pooled."""
     displacement = measured.displacement * measured.lattice[..., None]
     size_px = np.linalg.norm(displacement, axis=-1).astype(np.float32)
@@ -116,17 +118,17 @@ def waves_alone(measured: Measured, shape: tuple[int, ...]) -> Answer:
     )
 
 
-def unbounded(detector: DybsDetector, look: Look) -> FloatMap:
+def unbounded(detector: DybsDetector, estimate: Estimate) -> FloatMap:
     calibration = detector.calibration
     bounds = (-np.inf, np.inf)
-    return calibration.llr(look.scores, look.texture, CLASS_NAMES, most=bounds)
+    return calibration.llr(estimate.scores, estimate.texture, CLASS_NAMES, most=bounds)
 
 
-def probability(detector: DybsDetector, look: Look, seen: Detection) -> FloatMap:
+def probability(detector: DybsDetector, estimate: Estimate, seen: Detection) -> FloatMap:
     """What the evidence makes of each class's share of positives in the validation samples."""
     stated = np.full(seen.llr.shape, np.nan, np.float32)
     for name, scale in detector.calibration.scales.items():
-        members = look.texture == CLASS_NAMES.index(name)
+        members = estimate.texture == CLASS_NAMES.index(name)
         stated[members] = posterior(seen.llr[members], scale.prior)
     return stated
 
@@ -274,19 +276,24 @@ def shift(options: argparse.Namespace) -> None:
         recipe = Recipe(families={family: 1}, split="test", photos=options.photos)
         shifted = [shifted_images(recipe, family, px) for px in SHIFTS_PX]
         for detector in detectors:
-            looks = [[detector.eye.look(image) for image in images] for images in shifted]
-            masked = [np.mean([detector.judge(look).llr > MASK_NATS for look in some])
-                      for some in looks]  # fmt: skip
+            estimates = [
+                [detector.estimator.estimate(image) for image in images] for images in shifted
+            ]
+            masked = [np.mean([detector.to_detection(one).llr > MASK_NATS for one in some])
+                      for some in estimates]  # fmt: skip
             change = f"{np.ptp(masked):.4f}"
             print_shift(
-                detector.eye.network.name, family, [stated(some, 0) for some in looks], change
+                detector.estimator.network.name,
+                family,
+                [stated(some, 0) for some in estimates],
+                change,
             )
-        print_shift("judge", family, [stated(some, 1) for some in looks], "")
+        print_shift("judge", family, [stated(some, 1) for some in estimates], "")
 
 
-def stated(looks: Sequence[Look], score: int) -> float:
+def stated(estimates: Sequence[Estimate], score: int) -> float:
     """Mean probability by one of the scores, where there is one."""
-    logits = np.concatenate([look.scores[..., score].ravel() for look in looks])
+    logits = np.concatenate([estimate.scores[..., score].ravel() for estimate in estimates])
     told = logits != 0
     return float(np.mean(1 / (1 + np.exp(-logits[told])))) if told.any() else float("nan")
 
@@ -361,11 +368,11 @@ def speed(options: argparse.Namespace) -> None:
         for name, seen in whole.items():
             timed(f"dybs with it, {name}", lambda d=detector, i=seen: detected(d, i))
     timed("texture classes", lambda: texture_classes(image))
-    timed("demodulation, all a lattice", lambda: demodulate(lattice, np.ones(SHAPE, bool)))
+    timed("demodulation, all a lattice", lambda: demodulate_lattice(lattice, np.ones(SHAPE, bool)))
     for name, seen in whole.items():
         if seen is not lattice:
-            timed(f"straightness, {name}", lambda i=seen: straightness(i))
-    measured, judge = measure(lattice, texture_classes(lattice)), Judge()
+            timed(f"edges, {name}", lambda i=seen: measure_edges(i))
+    measured, judge = measure_pattern(lattice, texture_classes(lattice)), RefinementNetwork()
     timed("judge, onnxruntime", lambda: judge(measured, SHAPE))
     if options.paper:
         time_paper(image)

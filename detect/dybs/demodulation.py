@@ -14,7 +14,7 @@ from itertools import product
 import cv2
 import numpy as np
 
-from detect.dybs.tile import Tile
+from detect.dybs.lattice_tile import LatticeTile
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 
 TILE_PX, OVERLAP_PX, SMALLEST_PX = 192, 32, 48
@@ -24,8 +24,8 @@ Part = tuple[slice, slice]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Demodulation:
-    """What the waves of an image say.
+class LatticeDisplacement:
+    """What the waves of an image measure.
 
     Attributes:
         displacement: (H, W, 2) px, x right, y down; across the lines alone where there is one wave.
@@ -37,26 +37,26 @@ class Demodulation:
     information: FloatMap
 
 
-def demodulate(image: GreyImage, lattice: BoolArray) -> Demodulation:
+def demodulate_lattice(image: GreyImage, lattice: BoolArray) -> LatticeDisplacement:
     """Measures what a lattice shows, tile by tile.
 
     Args:
         image: (H, W) grey values.
-        lattice: (H, W) where there is one; elsewhere nothing is said.
+        lattice: (H, W) where there is one; elsewhere nothing is measured.
     """
     height, width = image.shape
-    maps = demodulated(image, lattice)
+    maps = demodulate_halved(image, lattice)
     if maps.any():
         even = (2 * maps.shape[1], 2 * maps.shape[0])
         maps = np.asarray(cv2.resize(maps, even))[:height, :width]
         maps[~lattice] = 0
     else:
         maps = np.zeros((height, width, 5), np.float32)
-    return Demodulation(displacement=maps[..., :2], information=maps[..., 2:])
+    return LatticeDisplacement(displacement=maps[..., :2], information=maps[..., 2:])
 
 
-def demodulated(image: GreyImage, lattice: BoolArray) -> FloatMap:
-    """(H/2, W/2, 5), rounded up: displacement x, y; information xx, xy, yy, as `Demodulation`."""
+def demodulate_halved(image: GreyImage, lattice: BoolArray) -> FloatMap:
+    """(H/2, W/2, 5), rounded up: displacement x, y; information xx, xy, yy."""
     maps = np.zeros((*[(side + 1) // 2 for side in image.shape], 5), np.float32)
     if not lattice.any():
         return maps
@@ -64,16 +64,16 @@ def demodulated(image: GreyImage, lattice: BoolArray) -> FloatMap:
     grey = np.pad(image, even, mode="edge").astype(np.float32)
     inside = np.pad(lattice, even, mode="edge").astype(np.float32)
     total = np.full(maps.shape[:2], 1e-6, np.float32)
-    for part, half, window in _tiles(grey.shape):
+    for part, half, window in _cut_tiles(grey.shape):
         if inside[part].mean() >= LEAST_SHARE:
-            maps[half] += window[..., None] * Tile(grey[part], inside[part]).measure()
+            maps[half] += window[..., None] * LatticeTile(grey[part], inside[part]).measure()
             total[half] += window
     maps /= total[..., None]
     maps[~lattice[::2, ::2]] = 0
     return maps
 
 
-def _tiles(shape: tuple[int, ...]) -> Iterator[tuple[Part, Part, FloatMap]]:
+def _cut_tiles(shape: tuple[int, ...]) -> Iterator[tuple[Part, Part, FloatMap]]:
     """Where the tiles lie, in the image and at half its resolution, and their weights there.
 
     Weights fall towards a tile's edge.

@@ -10,9 +10,9 @@ all of an edge is lost, and one along the edge is never seen.
 import cv2
 import numpy as np
 
-from detect.dybs.departures import Departures
-from detect.dybs.points import NEAREST_PX, Points, camera_noise
-from detect.dybs.sound import sound, witness
+from detect.dybs.edge_points import NEAREST_PX, EdgePoints, estimate_camera_noise
+from detect.dybs.edge_reliability import edge_moments, reliable_areas
+from detect.dybs.line_deviations import LineDeviations
 from geometry.arrays import FloatMap, GreyImage
 
 FARTHEST_PX = 1.5
@@ -22,8 +22,8 @@ LONGEST_PX = 128.0
 SUMS = 12
 
 
-def straightness(image: GreyImage) -> FloatMap:
-    """What the edges of an image say, at half resolution.
+def measure_edges(image: GreyImage) -> FloatMap:
+    """Measures the edges of an image, at half resolution.
 
     Args:
         image: (H, W) grey values.
@@ -31,24 +31,26 @@ def straightness(image: GreyImage) -> FloatMap:
     Returns:
         (H/2, W/2, 9), rounded up: displacement px x, y off the shared lines; the same off their
         own; information xx, xy, yy, 1 / px^2; how long the edges are, 1 at 128 px; 1 where they
-        may be believed. Zeros far from edges.
+        are reliable. Zeros far from edges.
     """
     sums = np.zeros((SUMS, *[(side + 1) // 2 for side in image.shape]), np.float32)
     if min(image.shape) <= 2 * NEAREST_PX:
         return np.zeros((*sums.shape[1:], 9), np.float32)
     grey = image.astype(np.float32)
-    noise = camera_noise(grey)
+    noise = estimate_camera_noise(grey)
     for axis, seen in enumerate((grey, np.ascontiguousarray(grey.T))):
-        points = Points.find(seen, noise)
+        points = EdgePoints.find(seen, noise)
         if len(points.edge):
-            sums += _summed(points, Departures.of(points), axis, sums.shape[1:])
-    pooled = _pooled(sums[:8])
-    believed = sound(pooled[:2], sums[8:])
-    return np.asarray(cv2.merge([*pooled, believed.astype(np.float32)]))
+            sums += _sum_by_cell(points, LineDeviations.fit(points), axis, sums.shape[1:])
+    pooled = _pool_sums(sums[:8])
+    reliable = reliable_areas(pooled[:2], sums[8:])
+    return np.asarray(cv2.merge([*pooled, reliable.astype(np.float32)]))
 
 
-def _summed(points: Points, off: Departures, axis: int, shape: tuple[int, ...]) -> FloatMap:
-    """(12, *shape) sums over each cell's points: 8 times their certainty, and their `witness`."""
+def _sum_by_cell(
+    points: EdgePoints, off: LineDeviations, axis: int, shape: tuple[int, ...]
+) -> FloatMap:
+    """(12, *shape) sums over each cell's points: 8 of their certainty, and their moments."""
     across = 1 / np.hypot(1, off.tilt)
     x, y, places = across, -across * off.tilt, (points.place, points.line)
     if axis:
@@ -56,19 +58,19 @@ def _summed(points: Points, off: Departures, axis: int, shape: tuple[int, ...]) 
     certain = (np.abs(off.own) < FARTHEST_PX) / off.variance
     shared, own = -off.shared * across, -off.own * across
     long = np.log(off.length) / np.log(LONGEST_PX)
-    said = [x * shared, y * shared, x * own, y * own, x * x, x * y, y * y, long]
-    parts = [certain * part for part in said] + witness((x, y), off.floor, off.variance)
+    values = [x * shared, y * shared, x * own, y * own, x * x, x * y, y * y, long]
+    parts = [certain * part for part in values] + edge_moments((x, y), off.floor, off.variance)
     column, row = (np.rint(place).astype(np.intp) // 2 for place in places)
     cells = row * shape[1] + column
     sums = [np.bincount(cells, part, shape[0] * shape[1]) for part in parts]
     return np.array(sums, np.float32).reshape(-1, *shape)
 
 
-def _pooled(sums: FloatMap) -> list[FloatMap]:
-    """(8, h, w) what edges near each pixel say together; across them alone where all run one way.
+def _pool_sums(sums: FloatMap) -> list[FloatMap]:
+    """(8, h, w) what edges near each pixel measure together; across them alone if parallel.
 
     Args:
-        sums: (8, h, w) of `_summed`.
+        sums: (8, h, w) of `_sum_by_cell`.
     """
     area = np.float32(np.pi * POOL_PX**2)
     pooled = [np.asarray(cv2.GaussianBlur(part, (0, 0), POOL_PX / 2) * area) for part in sums]

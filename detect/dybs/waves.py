@@ -12,10 +12,10 @@ NOISE_ABOVE = 0.25
 CROSSING = 0.5
 SECOND_WAVE = 0.25
 
-Complex = NDArray[np.complex64]
+ComplexMap = NDArray[np.complex64]
 
 
-def strongest_waves(flat: FloatMap, lattice: FloatMap) -> tuple[FloatArray, float]:
+def find_strongest_waves(flat: FloatMap, lattice: FloatMap) -> tuple[FloatArray, float]:
     """(Q, 2) cycles per longer side, along x and y, of one or two waves; the noise, grey levels."""
     height, width = flat.shape
     window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32) * lattice
@@ -34,7 +34,7 @@ def strongest_waves(flat: FloatMap, lattice: FloatMap) -> tuple[FloatArray, floa
     return np.array(waves), float(np.sqrt(noise))
 
 
-def positions(shape: tuple[int, ...], step: int) -> tuple[FloatMap, FloatMap]:
+def pixel_positions(shape: tuple[int, ...], step: int) -> tuple[FloatMap, FloatMap]:
     """(1, W) and (H, 1) of every pixel, or of the middles of every 2 x 2."""
     down, across = (
         ((np.arange(0, n, step) + (step - 1) / 2 - (n - 1) / 2) / max(shape)).astype(np.float32)
@@ -43,24 +43,24 @@ def positions(shape: tuple[int, ...], step: int) -> tuple[FloatMap, FloatMap]:
     return across[None], down[:, None]
 
 
-def turned(phase: np.ndarray) -> Complex:
-    """Points on the unit circle, e^(i phase)."""
+def unit_phasors(phase: np.ndarray) -> ComplexMap:
+    """EdgePoints on the unit circle, e^(i phase)."""
     phase = phase.astype(np.float32)
-    turned = np.empty(phase.shape, np.complex64)
-    turned.real, turned.imag = np.cos(phase), np.sin(phase)
-    return turned
+    phasors = np.empty(phase.shape, np.complex64)
+    phasors.real, phasors.imag = np.cos(phase), np.sin(phase)
+    return phasors
 
 
-def halved(image: FloatMap) -> FloatMap:
+def halve_image(image: FloatMap) -> FloatMap:
     """The means of every 2 x 2."""
     height, width = image.shape[:2]
     size = (width // 2, height // 2)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-def smoothed(mixed: Complex, window_px: float) -> Complex:
+def smooth_halved(mixed: ComplexMap, window_px: float) -> ComplexMap:
     """At half resolution, under a Gaussian window; beyond the edge there is nothing."""
-    planes = halved(np.ascontiguousarray(mixed).view(np.float32).reshape(*mixed.shape, 2))
+    planes = halve_image(np.ascontiguousarray(mixed).view(np.float32).reshape(*mixed.shape, 2))
     planes = cv2.GaussianBlur(planes, (0, 0), window_px / 2, borderType=cv2.BORDER_CONSTANT)
-    smooth: Complex = np.ascontiguousarray(planes).view(np.complex64)[..., 0]
+    smooth: ComplexMap = np.ascontiguousarray(planes).view(np.complex64)[..., 0]
     return smooth

@@ -10,7 +10,7 @@ import numpy as np
 
 from detect.calibration import Calibration
 from detect.dybs.detector import SCORES
-from detect.dybs.eye import SingleFrame
+from detect.dybs.estimator import SingleFrameEstimator
 from detect.learning.dybs_calibration import PLUME_PX, calibrate, labels_of
 from detect.scores import auroc
 from detect.synthesis import Sample, Shard
@@ -97,7 +97,7 @@ def adapt(
     """
     from detect.learning.adapt import fine_tune
 
-    SingleFrame(start)
+    SingleFrameEstimator(start)
     learned, held = divided(images)
     crops = max(round(minutes * CROPS_PER_MINUTE / 2), 1)
     haze = hazy_samples(
@@ -173,15 +173,15 @@ def as_they_are(images: Sequence[GreyImage], repeats: int) -> Iterable[Sample]:
 
 def score(weights: Path, samples: Iterable[Sample]) -> Score:
     """Scores a network's file as it would be used, whatever its `scale`."""
-    eye = SingleFrame(weights)
+    estimator = SingleFrameEstimator(weights)
     thin = (slice(None, None, THINNED),) * 2
     logits, plumes, found, true = [], [], [], []
     for sample in samples:
-        look = eye.look(sample.image)
+        estimate = estimator.estimate(sample.image)
         plume, counts = (map_[thin] for map_ in labels_of(sample))
-        logits.append(look.scores[thin][counts][:, 0])
+        logits.append(estimate.scores[thin][counts][:, 0])
         plumes.append(plume[counts])
-        found.append(look.displacement[thin].reshape(-1, 2))
+        found.append(estimate.displacement[thin].reshape(-1, 2))
         true.append(sample.displacement[thin].reshape(-1, 2))
     said, there = np.concatenate(found), np.concatenate(true)
     size_px = np.linalg.norm(there, axis=-1)

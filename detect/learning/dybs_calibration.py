@@ -17,7 +17,7 @@ import numpy as np
 
 from detect.calibration import LEAST_AUROC, Calibration
 from detect.dybs.detector import CLASS_NAMES, SCORES
-from detect.dybs.eye import SingleFrame
+from detect.dybs.estimator import SingleFrameEstimator
 from detect.scores import auroc
 from detect.synthesis import Sample, shards_in
 from detect.synthesis.recipe import SAMPLE_FAMILIES
@@ -41,19 +41,24 @@ def labels_of(sample: Sample) -> tuple[BoolArray, BoolArray]:
 def fitted(weights: Path, samples: Iterable[Sample]) -> Calibration:
     """The calibration of a network on samples, every `THINNED`-th row and column of them.
 
-    What is flat is silent, whatever its noise may look like; and so is a class where one kind of
-    background, hidden among others, says nothing: straight edges of photos among printed lines.
+    Flat texture has no evidence, however its noise is shaped; nor has a class where one kind of
+    background, hidden among others, separates nothing: edges of photos among printed lines.
     """
-    eye = SingleFrame(weights)
+    estimator = SingleFrameEstimator(weights)
     thin = (slice(None, None, THINNED),) * 2
     parts = []
     for sample in samples:
-        look = eye.look(sample.image)
+        estimate = estimator.estimate(sample.image)
         positive, counts = (map_[thin] for map_ in labels_of(sample))
-        counts &= look.texture[thin] != Texture.FLAT
+        counts &= estimate.texture[thin] != Texture.FLAT
         family = np.full(counts.sum(), SAMPLE_FAMILIES.index(sample.family))
         parts.append(
-            (look.scores[thin][counts], positive[counts], look.texture[thin][counts], family)
+            (
+                estimate.scores[thin][counts],
+                positive[counts],
+                estimate.texture[thin][counts],
+                family,
+            )
         )
     scores, labels, classes, families = (
         np.concatenate(column) for column in zip(*parts, strict=True)
@@ -61,13 +66,13 @@ def fitted(weights: Path, samples: Iterable[Sample]) -> Calibration:
     calibration = Calibration.fit(
         scores.astype(float), labels, classes, score_names=SCORES, class_names=CLASS_NAMES
     )
-    heard = {}
+    kept = {}
     for name, scale in calibration.scales.items():
         members = classes == CLASS_NAMES.index(name)
         llr = scale.llr(scores[members])
         if worst_family(llr, labels[members], families[members]) >= LEAST_AUROC:
-            heard[name] = scale
-    return Calibration(scores=SCORES, scales=heard)
+            kept[name] = scale
+    return Calibration(scores=SCORES, scales=kept)
 
 
 def worst_family(llr: FloatMap, labels: BoolArray, families: np.ndarray) -> float:

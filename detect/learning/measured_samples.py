@@ -6,14 +6,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from detect.dybs.measure import CHANNELS, channels, measure
+from detect.dybs.pattern_measurement import CHANNELS, measure_pattern, network_channels
 from detect.synthesis.dataset import SHARD_SAMPLES, Shard, read_index, shards_in, write_index
 from detect.texture import texture_classes
 
 
 def measured_shard(shard: Shard) -> Shard:
     """The shard's samples as channels, truth and masks at half resolution."""
-    planes = [channels(measure(image, texture_classes(image))) for image in shard.images]
+    planes = [
+        network_channels(measure_pattern(image, texture_classes(image))) for image in shard.images
+    ]
     height, width = planes[0].shape[1:]
     truth = [
         cv2.resize(w.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)

@@ -9,7 +9,7 @@ pytest.importorskip("torch")
 
 import torch
 
-from detect.dybs.eye import SingleFrame
+from detect.dybs.estimator import SingleFrameEstimator
 from detect.learning.config import TrainConfig
 from detect.learning.export import export
 from detect.learning.trainer import LAST, train
@@ -79,7 +79,7 @@ def test_the_single_frame_detector_feeds_it_grey_thrice(tmp_path: Path) -> None:
     train(plan, tmp_path / "run", report=lambda *_: None)
     path = export(plan, tmp_path / "run" / LAST, tmp_path / "colour.onnx")
     image = np.random.default_rng(1).integers(0, 255, (70, 90), dtype=np.uint8)
-    look = SingleFrame(path).look(image)
+    estimate = SingleFrameEstimator(path).estimate(image)
     planes = np.repeat(image[None].astype(np.float32) / 255, 3, axis=0)
     expected = Network(path)(planes)["logit"][0]
-    np.testing.assert_allclose(look.scores[..., 0], expected, atol=1e-5)
+    np.testing.assert_allclose(estimate.scores[..., 0], expected, atol=1e-5)

@@ -6,8 +6,8 @@ import pytest
 
 from detect.detection import Frames
 from detect.dybs import DybsDetector
-from detect.dybs.eye import Reading, SingleFrame, joined
-from detect.dybs.measure import measure
+from detect.dybs.estimator import RefinedMeasurement, SingleFrameEstimator, combine_estimates
+from detect.dybs.pattern_measurement import measure_pattern
 from detect.texture import Texture, texture_classes
 from geometry.errors import BadInputError
 from tests.detect.onnx_files import convolution
@@ -62,7 +62,7 @@ def test_silence_is_complete(tmp_path: Path, half_lattice: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(("wobble_px", "speaks"), [(0.0, True), (0.25, False)])
-def test_straight_edges_are_heard_unless_they_are_bent_everywhere(
+def test_straight_edges_count_unless_they_are_bent_everywhere(
     tmp_path: Path, wobble_px: float, speaks: bool
 ) -> None:
     rng = np.random.default_rng(1)
@@ -91,10 +91,12 @@ def test_a_network_of_half_the_size_speaks_in_px_of_the_image(tmp_path: Path) ->
     }
     image = np.random.default_rng(0).integers(254, 256, (75, 101), dtype=np.uint8)
     for scale, size in ((1, 0.3), (0.5, 0.6)):
-        look = SingleFrame(convolution(tmp_path / "n.onnx", kernels, scale=scale)).look(image)
-        assert look.displacement.shape == (75, 101, 2)
-        np.testing.assert_allclose(look.displacement, size, rtol=0.01)
-        np.testing.assert_allclose(look.sigma_px, 1 / scale, rtol=0.01)
+        estimate = SingleFrameEstimator(
+            convolution(tmp_path / "n.onnx", kernels, scale=scale)
+        ).estimate(image)
+        assert estimate.displacement.shape == (75, 101, 2)
+        np.testing.assert_allclose(estimate.displacement, size, rtol=0.01)
+        np.testing.assert_allclose(estimate.sigma_px, 1 / scale, rtol=0.01)
 
 
 def test_joining_weighs_by_inverse_variance_where_there_is_something_to_read() -> None:
@@ -108,12 +110,14 @@ def test_joining_weighs_by_inverse_variance_where_there_is_something_to_read() -
         }  # fmt: skip
 
     texture = np.array([[Texture.IRREGULAR, Texture.LATTICE, Texture.STRAIGHT]], np.uint8)
-    measured = measure(np.zeros((1, 3), np.uint8), texture)
-    reading = Reading(texture=texture, measured=measured, says=says(1, [0.01, 0.01, 0.03]))
-    look = joined(says(0, [0.01] * 3), reading)
-    np.testing.assert_allclose(look.displacement[0], [[0, 0], [1, 1], [0.25, 0.25]], atol=1e-6)
-    np.testing.assert_allclose(look.sigma_px[0] ** 2, [0.01, 0.01, 0.0075], rtol=1e-5)
-    np.testing.assert_array_equal(look.scores[0], [[0, 0], [0, 1], [0, 1]])
+    measured = measure_pattern(np.zeros((1, 3), np.uint8), texture)
+    measurement = RefinedMeasurement(
+        texture=texture, measured=measured, refined=says(1, [0.01, 0.01, 0.03])
+    )
+    estimate = combine_estimates(says(0, [0.01] * 3), measurement)
+    np.testing.assert_allclose(estimate.displacement[0], [[0, 0], [1, 1], [0.25, 0.25]], atol=1e-6)
+    np.testing.assert_allclose(estimate.sigma_px[0] ** 2, [0.01, 0.01, 0.0075], rtol=1e-5)
+    np.testing.assert_array_equal(estimate.scores[0], [[0, 0], [0, 1], [0, 1]])
 
 
 @pytest.mark.parametrize(
@@ -151,12 +155,12 @@ def test_calibrating_writes_what_the_detector_reads(tmp_path: Path) -> None:
     detector = DybsDetector(path)
     seen = detector.detect(Frames(images=[samples[0].image]), 0)
     assert (seen.llr != 0).mean() > 0.9
-    assert SingleFrame(path).network.name == "tiny"
+    assert SingleFrameEstimator(path).network.name == "tiny"
 
 
-@pytest.mark.parametrize(("share", "heard"), [(0.15, False), (0.05, True)])
+@pytest.mark.parametrize(("share", "separated"), [(0.15, False), (0.05, True)])
 def test_a_background_that_says_nothing_does_not_hide_among_others(
-    share: float, heard: bool
+    share: float, separated: bool
 ) -> None:
     from detect.learning.dybs_calibration import worst_family
 
@@ -164,21 +168,21 @@ def test_a_background_that_says_nothing_does_not_hide_among_others(
     families = (rng.random(20_000) < share).astype(int)
     labels = rng.random(20_000) < 0.1
     llr = np.where(families == 0, 3.0 * labels, 0) + rng.normal(0, 1, 20_000)
-    assert (worst_family(llr, labels, families) > 0.6) == heard
+    assert (worst_family(llr, labels, families) > 0.6) == separated
 
 
-def test_the_network_is_asked_only_where_a_class_may_speak(
+def test_the_network_runs_only_where_a_class_may_have_evidence(
     tmp_path: Path, half_lattice: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     detector = DybsDetector(network(tmp_path / "n.onnx"))
     noise = np.ascontiguousarray(half_lattice[:, 290:])
-    looked = detector.judge(detector.eye.look(noise))
-    asked = []
-    monkeypatch.setattr(detector.eye, "maps", asked.append)
+    expected = detector.to_detection(detector.estimator.estimate(noise))
+    runs = []
+    monkeypatch.setattr(detector.estimator, "network_maps", runs.append)
     seen = detector.detect(Frames(images=[noise]), 0)
-    assert not asked
+    assert not runs
     for name in ("displacement", "sigma_px", "llr"):
-        np.testing.assert_array_equal(getattr(seen, name), getattr(looked, name))
+        np.testing.assert_array_equal(getattr(seen, name), getattr(expected, name))
     with pytest.raises(TypeError):
         detector.detect(Frames(images=[half_lattice]), 0)
-    assert len(asked) == 1
+    assert len(runs) == 1

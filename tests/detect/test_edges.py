@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from detect.dybs.edges import straightness
-from detect.dybs.points import camera_noise
-from detect.dybs.sound import heard
+from detect.dybs.edge_points import estimate_camera_noise
+from detect.dybs.edge_reliability import select_edges
+from detect.dybs.edges import measure_edges
 
 SHAPE = (128, 128)
 SOFT_PX = 0.6
@@ -41,7 +41,7 @@ def slanted(displacement: np.ndarray, tilt: float = 0.13) -> np.ndarray:
 def test_a_bent_edge_gives_the_displacement_across_it_with_its_sign(transposed: bool) -> None:
     truth = plume(0.8)
     image = bars(slanted(truth), [25.0, 45.0, 66.0])
-    found = straightness(image.T if transposed else image)
+    found = measure_edges(image.T if transposed else image)
     if transposed:
         found = found.transpose(1, 0, 2)[..., [1, 0, 3, 2, 6, 5, 4, 7]]
     normal = np.array([1, -0.13]) / np.hypot(1, 0.13)
@@ -53,7 +53,7 @@ def test_a_bent_edge_gives_the_displacement_across_it_with_its_sign(transposed: 
 
 
 def test_straight_edges_stand_still_and_the_rest_is_unknown() -> None:
-    found = straightness(bars(slanted(np.zeros((*SHAPE, 2))), [40.0, 80.0]))
+    found = measure_edges(bars(slanted(np.zeros((*SHAPE, 2))), [40.0, 80.0]))
     certain = found[..., 4] + found[..., 6]
     assert np.linalg.norm(found[..., :2], axis=-1)[certain > 100].mean() < 0.03
     assert not found[..., :4][certain == 0].any()
@@ -62,7 +62,7 @@ def test_straight_edges_stand_still_and_the_rest_is_unknown() -> None:
 
 
 def test_nothing_is_known_along_an_edge() -> None:
-    found = straightness(bars(slanted(np.zeros((*SHAPE, 2))), [60.0]))
+    found = measure_edges(bars(slanted(np.zeros((*SHAPE, 2))), [60.0]))
     xx, xy, yy = np.moveaxis(found[..., 4:7], -1, 0)
     known = xx + yy > 100
     determinant = (xx * yy - xy**2)[known]
@@ -74,7 +74,7 @@ def test_an_edge_that_is_turned_shows_against_the_pencil_of_the_others() -> None
     y = grid()[..., 1] - 63.5
     across = grid()[..., 0] - 0.0008 * y * (grid()[..., 0] - 20)
     turned = across + np.where(np.abs(across - 70) < 8, 0.006 * y, 0)
-    found = straightness(bars(turned, [15.0, 30.0, 45.0, 70.0, 95.0, 110.0]))
+    found = measure_edges(bars(turned, [15.0, 30.0, 45.0, 70.0, 95.0, 110.0]))
     near = np.abs(across[::2, ::2] - 70) < 2
     ends = near & (np.abs(y[::2, ::2]) > 35) & (np.abs(y[::2, ::2]) < 55)
     slope = (y[::2, ::2] * 0.006)[ends]
@@ -86,67 +86,67 @@ def test_an_edge_that_is_turned_shows_against_the_pencil_of_the_others() -> None
 PLACES = [*np.arange(6.0, 122, 9)]
 
 
-def believed(image: np.ndarray) -> float:
-    """The share of an image whose straight edges may be believed."""
-    return float(straightness(image)[..., 8].mean())
+def reliable_share(image: np.ndarray) -> float:
+    """The share of an image whose straight edges are reliable."""
+    return float(measure_edges(image)[..., 8].mean())
 
 
 @pytest.mark.parametrize("peak_px", [0.0, 0.9])
-def test_parallel_edges_are_believed_also_behind_a_plume(peak_px: float) -> None:
-    assert believed(bars(slanted(plume(peak_px)), PLACES)) > 0.99
+def test_parallel_edges_are_reliable_also_behind_a_plume(peak_px: float) -> None:
+    assert reliable_share(bars(slanted(plume(peak_px)), PLACES)) > 0.99
 
 
 @pytest.mark.parametrize("noise", [0.5, 2.0])
-def test_what_is_bent_everywhere_is_not_believed(noise: float) -> None:
+def test_what_is_bent_everywhere_is_unreliable(noise: float) -> None:
     wobble = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 1, (*SHAPE, 2)), (0, 0), 8)
     wobble *= 0.25 / wobble.std()
-    assert believed(bars(slanted(wobble), PLACES, noise)) < 0.05
+    assert reliable_share(bars(slanted(wobble), PLACES, noise)) < 0.05
 
 
-def test_rough_edges_are_not_believed() -> None:
+def test_rough_edges_are_unreliable() -> None:
     rough = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 1, (*SHAPE, 2)), (0, 0), 1.5)
     rough *= 0.08 / rough.std()
-    assert believed(bars(slanted(rough), PLACES)) < 0.01
+    assert reliable_share(bars(slanted(rough), PLACES)) < 0.01
 
 
-def test_edges_that_cross_are_not_believed() -> None:
+def test_edges_that_cross_are_unreliable() -> None:
     across = grid()[..., 0] + 0.1 * grid()[..., 1]
     down = grid()[..., 1] - 0.1 * grid()[..., 0]
     fence = bars(across, PLACES).astype(float) + bars(down, PLACES) - 128
-    assert believed(fence.clip(0, 255).astype(np.uint8)) < 0.01
+    assert reliable_share(fence.clip(0, 255).astype(np.uint8)) < 0.01
 
 
 @pytest.mark.parametrize("shape", [(1, 3), (17, 33), (129, 131), (64, 300)])
 def test_any_size(shape: tuple[int, int]) -> None:
     image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
-    found = straightness(image)
+    found = measure_edges(image)
     assert found.shape == ((shape[0] + 1) // 2, (shape[1] + 1) // 2, 9)
     assert np.isfinite(found).all()
 
 
 def test_an_image_without_edges() -> None:
-    assert not straightness(np.full(SHAPE, 90, np.uint8)).any()
+    assert not measure_edges(np.full(SHAPE, 90, np.uint8)).any()
 
 
 def test_the_noise_is_the_cameras() -> None:
     rng = np.random.default_rng(0)
     image = 100 + 0.2 * grid()[..., 0] + rng.normal(0, 2.0, SHAPE)
-    assert camera_noise(image.astype(np.float32)) == pytest.approx(2.1, rel=0.1)
+    assert estimate_camera_noise(image.astype(np.float32)) == pytest.approx(2.1, rel=0.1)
 
 
-def test_straight_edges_count_in_broad_believed_places_and_close_to_them() -> None:
-    straight, believed, waves = np.zeros((3, 200, 400), dtype=bool)
+def test_straight_edges_count_in_broad_reliable_areas_and_close_to_them() -> None:
+    straight, reliable, waves = np.zeros((3, 200, 400), dtype=bool)
     straight[:, :300] = True
-    believed[:, 10:37] = believed[80:108, 100:128] = believed[95:97, 128:150] = True
+    reliable[:, 10:37] = reliable[80:108, 100:128] = reliable[95:97, 128:150] = True
     expected = np.zeros_like(straight)
     expected[72:116, 92:136] = expected[87:105, 136:158] = True
-    found = heard(straight, believed, waves)
+    found = select_edges(straight, reliable, waves)
     np.testing.assert_array_equal(found, expected)
-    assert not heard(straight, np.zeros_like(believed), waves).any()
+    assert not select_edges(straight, np.zeros_like(reliable), waves).any()
 
 
 def test_waves_beside_them_make_a_place_broad() -> None:
-    straight, believed, waves = np.zeros((3, 64, 128), dtype=bool)
-    straight[:, :20] = believed[:, :20] = waves[:, 20:40] = True
-    np.testing.assert_array_equal(heard(straight, believed, waves), straight)
-    assert not heard(straight, believed, np.roll(waves, 20, axis=1)).any()
+    straight, reliable, waves = np.zeros((3, 64, 128), dtype=bool)
+    straight[:, :20] = reliable[:, :20] = waves[:, 20:40] = True
+    np.testing.assert_array_equal(select_edges(straight, reliable, waves), straight)
+    assert not select_edges(straight, reliable, np.roll(waves, 20, axis=1)).any()

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import yaml
 
-from detect.dybs.measure import CHANNELS
+from detect.dybs.pattern_measurement import CHANNELS
 from detect.learning.config import TrainConfig
 from detect.synthesis import Recipe, render_dataset, shards_in
 from locate.commands.train import measure_missing

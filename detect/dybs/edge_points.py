@@ -1,4 +1,4 @@
-"""Points of edges, each found to a small part of a pixel along one axis."""
+"""EdgePoints of edges, each found to a small part of a pixel along one axis."""
 
 from dataclasses import dataclass, fields
 from typing import Self
@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Points:
+class EdgePoints:
     """N points of edges that all cross one axis; edges of fewer than 14 points are left out.
 
     Attributes:
@@ -45,14 +45,14 @@ class Points:
         soft = cv2.GaussianBlur(grey, (0, 0), SOFT_PX)
         along_y = np.abs(cv2.filter2D(soft, -1, SLOPE.T))
         slope = cv2.filter2D(soft, -1, SLOPE)
-        rising, falling = (cls._rising(s * slope, along_y, noise) for s in (1, -1))
+        rising, falling = (cls._find_rising(s * slope, along_y, noise) for s in (1, -1))
         names = (field.name for field in fields(cls))
         pairs = {name: [getattr(rising, name), getattr(falling, name)] for name in names}
         pairs["edge"][1] = pairs["edge"][1] + rising.edge.max(initial=-1) + 1
         return cls(**{name: np.concatenate(pair) for name, pair in pairs.items()})
 
     @classmethod
-    def _rising(cls, slope: FloatMap, along_y: FloatMap, noise: float) -> Self:
+    def _find_rising(cls, slope: FloatMap, along_y: FloatMap, noise: float) -> Self:
         steepest = (slope > max(LEAST_SLOPE, LEAST_IN_NOISE * noise)) & (slope >= along_y)
         steepest[:, 1:] &= slope[:, 1:] >= slope[:, :-1]
         steepest[:, :-1] &= slope[:, :-1] > slope[:, 1:]
@@ -75,7 +75,7 @@ class Points:
         )
 
 
-def camera_noise(grey: FloatMap) -> float:
+def estimate_camera_noise(grey: FloatMap) -> float:
     """Its standard deviation, where half of the image is no finer than a parabola.
 
     Source: Immerkaer, Computer Vision and Image Understanding 64 (1996) 300; a median, not a mean.

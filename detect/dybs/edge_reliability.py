@@ -1,8 +1,8 @@
-"""Which straight edges may be believed: those around them run one way, are smooth, and lie still.
+"""Which straight edges are reliable: those around them are parallel, smooth, and undisplaced.
 
 A plume bends parts of a few edges, smoothly and by more than a camera's noise can. Where most edges
 around are bent, or rough within a few px, it is the thing itself that is not straight, as nearly
-everywhere in photos; and where edges cross, they mislead each other. A small place may pass all of
+everywhere in photos; and where edges cross, they disturb each other. A small area may pass all of
 this by chance.
 """
 
@@ -14,20 +14,20 @@ import numpy as np
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 
 WINDOW = 49
-"""Side of what counts as around, at half the image's resolution."""
+"""Side of the surroundings of a pixel, at half the image's resolution."""
 MOST_ROUGH_PX, ROUGHEST_PX = 0.03, 0.2
 LEAST_PARALLEL = 0.9
 STILL_PX, LEAST_STILL = 0.08, 0.65
 BROAD, CLOSE = 28, 17
-"""Sides of the square that a believed place must hold, and of that around each of its pixels which
+"""Sides of the square that a reliable area must hold, and of that around each of its pixels which
 counts with it, at half the image's resolution."""
 EMPTY = 1e-6
 
 
-def witness(
+def edge_moments(
     across: Sequence[FloatArray], floor: FloatArray, variance: FloatArray
 ) -> list[FloatArray]:
-    """What (N,) points of edges have to say of those around, to be summed.
+    """Direction and roughness of (N,) points of edges, to be summed over their surroundings.
 
     Args:
         across: Unit vector across the edge, x and y.
@@ -38,14 +38,14 @@ def witness(
     return [x * x, x * y, y * y, np.minimum(variance - floor, ROUGHEST_PX**2)]
 
 
-def sound(displacement: Sequence[FloatMap], sums: FloatMap) -> BoolArray:
-    """(h, w) where the edges around may be believed.
+def reliable_areas(displacement: Sequence[FloatMap], sums: FloatMap) -> BoolArray:
+    """(h, w) where the edges around are reliable.
 
     The limits were chosen on samples and photos of the training and the validation split.
 
     Args:
         displacement: (2, h, w) px, of the edges off straight lines.
-        sums: (4, h, w) of `witness`, over each cell's points.
+        sums: (4, h, w) of `edge_moments`, over each cell's points.
     """
     still_points = (sums[0] + sums[2]) * (np.hypot(*displacement) < STILL_PX)
     xx, xy, yy, rough, calm = (
@@ -60,19 +60,19 @@ def sound(displacement: Sequence[FloatMap], sums: FloatMap) -> BoolArray:
     )
 
 
-def heard(straight: BoolArray, believed: BoolArray, waves: BoolArray) -> BoolArray:
-    """(h, w) which straight edges count: those of a broad believed place, and those close to it.
+def select_edges(straight: BoolArray, reliable: BoolArray, waves: BoolArray) -> BoolArray:
+    """(h, w) which straight edges count: those of a broad reliable area, and those close to it.
 
-    In photos what passes `sound` by chance is a spot or a thin strip along one edge; printed lines
-    fill a wall, and do not pass where a plume bends most of them. The sides were chosen on samples
-    and photos of the training and the validation split.
+    In photos what passes `reliable_areas` by chance is a spot or a thin strip along one edge;
+    printed lines fill a wall, and do not pass where a plume bends most of them. The sides were
+    chosen on samples and photos of the training and the validation split.
 
     Args:
         straight: (h, w) where there are straight edges.
-        believed: (h, w) by `sound`.
-        waves: (h, w) where waves are measured, which make a place broad, too.
+        reliable: (h, w) by `reliable_areas`.
+        waves: (h, w) where waves are measured, which make an area broad, too.
     """
-    smooth = straight & believed
+    smooth = straight & reliable
     parts, part = cv2.connectedComponents((smooth | waves).astype(np.uint8))
     square = np.ones((BROAD, BROAD), np.uint8)
     inside = cv2.erode(

@@ -1,4 +1,4 @@
-"""A small network that reads what waves and straight edges measure."""
+"""A small network that refines what waves and straight edges measure."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy.special import expit
 
-from detect.dybs.measure import CHANNELS, Measured, channels
+from detect.dybs.pattern_measurement import CHANNELS, PatternMeasurement, network_channels
 from detect.network import Maps, Network
 from geometry.arrays import FloatMap
 from geometry.errors import BadInputError
@@ -14,18 +14,18 @@ from geometry.errors import BadInputError
 WEIGHTS = Path(__file__).parent / "weights" / "judge.onnx"
 OUTPUTS = {"displacement", "log_variance", "logit"}
 WAVES_AGAIN = 0.1
-"""What waves count for beside a judge that has seen them, and shrinks what it never saw a plume do;
-chosen on validation samples."""
+"""Weight of the waves' own information beside the network, which has used it once and shrinks what
+no plume of its training did; chosen on validation samples."""
 UNSURE, SURE, FROM_LOGIT = 0.5, 1.3, -2.0
-"""What the judge says is too long where it hardly believes in a plume, and too short where it does:
-factors far below and above a logit; chosen on validation samples."""
+"""Factors far below and above a logit: the network's displacement is too long where a plume is
+unlikely, and too short where it is likely; chosen on validation samples."""
 
 
-class Judge:
-    """Knows how plumes look, and so what to make of a measurement.
+class RefinementNetwork:
+    """Refines a measurement by how plumes are shaped.
 
-    It fills in the direction that a single wave lacks, looks through noise, and tells a bent wall
-    or a rough edge from a plume.
+    It fills in the direction that a single wave lacks, averages noise out, and separates bent walls
+    and rough edges from plumes.
 
     Args:
         weights: The .onnx file.
@@ -37,21 +37,23 @@ class Judge:
     def __init__(self, weights: Path = WEIGHTS) -> None:
         self.network = Network(weights)
         if self.network.channels != CHANNELS or OUTPUTS - set(self.network.outputs):
-            raise BadInputError(f"{weights}: not a judge, which reads {CHANNELS} channels")
+            raise BadInputError(
+                f"{weights}: not a refinement network, which takes {CHANNELS} channels"
+            )
 
-    def __call__(self, measured: Measured, shape: tuple[int, ...]) -> Maps:
+    def __call__(self, measured: PatternMeasurement, shape: tuple[int, ...]) -> Maps:
         """`displacement` px (H, W, 2), `log_variance` and `logit` (H, W) of an image of `shape`."""
         height, width = shape
-        says = self.network(channels(measured))
-        belief = expit(says["logit"] - np.float32(FROM_LOGIT))
-        stretched = says["displacement"] * np.float32(UNSURE + (SURE - UNSURE) * belief)
-        displacement, log_variance = _with_waves(
-            stretched.transpose(1, 2, 0), says["log_variance"][0], measured
+        output = self.network(network_channels(measured))
+        plume = expit(output["logit"] - np.float32(FROM_LOGIT))
+        stretched = output["displacement"] * np.float32(UNSURE + (SURE - UNSURE) * plume)
+        displacement, log_variance = _combine_with_waves(
+            stretched.transpose(1, 2, 0), output["log_variance"][0], measured
         )
         maps = {
             "displacement": displacement,
             "log_variance": log_variance,
-            "logit": says["logit"][0],
+            "logit": output["logit"][0],
         }
         size = (2 * log_variance.shape[1], 2 * log_variance.shape[0])
         return {
@@ -59,10 +61,10 @@ class Judge:
         }
 
 
-def _with_waves(
-    displacement: FloatMap, log_variance: FloatMap, measured: Measured
+def _combine_with_waves(
+    displacement: FloatMap, log_variance: FloatMap, measured: PatternMeasurement
 ) -> tuple[FloatMap, FloatMap]:
-    """The judge's displacement and the waves' own, weighted by inverse covariance.
+    """The network's displacement and the waves' own, weighted by inverse covariance.
 
     Args:
         displacement: (h, w, 2) px.

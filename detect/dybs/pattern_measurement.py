@@ -1,11 +1,11 @@
-"""What physics can say of one frame, as channels for the network that judges it."""
+"""What waves and edges measure in one frame, as channels for the network that refines it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from detect.dybs.demodulation import demodulated
-from detect.dybs.edges import straightness
+from detect.dybs.demodulation import demodulate_halved
+from detect.dybs.edges import measure_edges
 from detect.texture import Classes, Texture
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 
@@ -18,8 +18,8 @@ SIGNIFICANT, CERTAIN = 3.0, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
-    """What waves and edges say, at half the image's resolution.
+class PatternMeasurement:
+    """What waves and edges measure, at half the image's resolution.
 
     Attributes:
         displacement: (H/2, W/2, 2) px, x right, y down; across lines or edges alone where there is
@@ -28,8 +28,8 @@ class Measured:
         information: (H/2, W/2, 3) xx, xy and yy of the inverse covariance, 1 / px^2; 0 where
             nothing is known.
         length: (H/2, W/2) of the edges, 1 at 128 px; 0 for waves.
-        lattice: (H/2, W/2) where waves speak.
-        sound: (H/2, W/2) where straight edges may be believed.
+        lattice: (H/2, W/2) where waves are measured.
+        reliable: (H/2, W/2) where straight edges are reliable.
     """
 
     displacement: FloatMap
@@ -37,7 +37,7 @@ class Measured:
     information: FloatMap
     length: FloatMap
     lattice: BoolArray
-    sound: BoolArray
+    reliable: BoolArray
 
     @property
     def certainty(self) -> FloatMap:
@@ -45,32 +45,32 @@ class Measured:
         return np.asarray(self.information[..., 0] + self.information[..., 2])
 
 
-def measure(image: GreyImage, texture: Classes) -> Measured:
+def measure_pattern(image: GreyImage, texture: Classes) -> PatternMeasurement:
     """Measures the waves of an image and, where there are none, its straight edges.
 
     Args:
         image: (H, W) grey values.
-        texture: (H, W) of `Texture`; an image without `LATTICE` and `STRAIGHT` is not looked at.
+        texture: (H, W) of `Texture`; an image without `LATTICE` and `STRAIGHT` is not measured.
     """
-    waves = demodulated(image, texture == Texture.LATTICE)
+    waves = demodulate_halved(image, texture == Texture.LATTICE)
     lattice = waves[..., 2] + waves[..., 4] > 0
     half = texture[::2, ::2]
     maps = np.zeros((*waves.shape[:2], 9), np.float32)
     if ((half == Texture.STRAIGHT) | ((half == Texture.LATTICE) & ~lattice)).any():
-        maps = straightness(image)
+        maps = measure_edges(image)
     nothing = np.zeros_like(waves[..., :2])
     maps[lattice] = np.concatenate([waves[..., :2], waves, nothing], axis=-1)[lattice]
-    return Measured(
+    return PatternMeasurement(
         displacement=maps[..., :2],
         own=maps[..., 2:4],
         information=maps[..., 4:7],
         length=maps[..., 7],
         lattice=lattice,
-        sound=maps[..., 8] > 0,
+        reliable=maps[..., 8] > 0,
     )
 
 
-def channels(measured: Measured) -> FloatMap:
+def network_channels(measured: PatternMeasurement) -> FloatMap:
     """(C, H/2, W/2) of about unit size: displacements, significance, information, length."""
     total = measured.certainty[..., None]
     displacements = np.concatenate([measured.displacement, measured.own], axis=-1)

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from detect.dybs.points import Indices, Points
+from detect.dybs.edge_points import EdgePoints, Indices
 from geometry.arrays import FloatArray
 
 MISFIT_PX = 0.02
@@ -22,7 +22,7 @@ LAG, MOST_BENT_PX = 3, 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Departures:
+class LineDeviations:
     """How far N points lie off the line that their edge should be, px along the axis.
 
     Attributes:
@@ -42,18 +42,18 @@ class Departures:
     variance: FloatArray
 
     @classmethod
-    def of(cls, points: Points) -> Self:
+    def fit(cls, points: EdgePoints) -> Self:
         """Fits the lines by iteratively reweighted least squares with Cauchy's weights."""
         edge = points.edge
         length = np.bincount(edge).astype(float)
         middle, level = (np.bincount(edge, v) / length for v in (points.line, points.place))
         at, off = points.line - middle[edge], points.place - level[edge]
         floor = points.sigma_px**2 + MISFIT_PX**2
-        own, own_tilt = _off_own_lines(at, off, 1 / floor, edge)
+        own, own_tilt = _fit_own_lines(at, off, 1 / floor, edge)
         variance = np.maximum(floor, _roughness(own, edge) + MISFIT_PX**2)
         places = np.stack([level // BLOCK_PX, middle // BLOCK_PX])
         blocks = np.unique(places, axis=1, return_inverse=True)[1].ravel()
-        shared, tilt = _off_pencils(
+        shared, tilt = _fit_pencils(
             at, off, 1 / variance, edge, level % BLOCK_PX / BLOCK_PX, blocks
         )
         agrees = np.abs(tilt - own_tilt) * length < 4 * AGREES_PX
@@ -67,7 +67,7 @@ class Departures:
         )
 
 
-def _off_own_lines(
+def _fit_own_lines(
     at: FloatArray, off: FloatArray, trust: FloatArray, edge: Indices
 ) -> tuple[FloatArray, FloatArray]:
     """(N,) off the line through most of an edge's points; (E,) its tilt."""
@@ -79,7 +79,7 @@ def _off_own_lines(
         determinant = one * xx - x * x + 1e-9
         tilt = (one * xy - x * y) / determinant
         rest = off - ((xx * y - x * xy) / determinant)[edge] - tilt[edge] * at
-        weights = trust * _cauchy(rest, weights, edge)
+        weights = trust * _cauchy_weights(rest, weights, edge)
     return rest, tilt
 
 
@@ -100,7 +100,7 @@ def _roughness(off: FloatArray, edge: Indices) -> FloatArray:
     return np.asarray((total / (6 * np.maximum(count, 1)))[edge])
 
 
-def _off_pencils(
+def _fit_pencils(
     at: FloatArray,
     off: FloatArray,
     trust: FloatArray,
@@ -132,17 +132,17 @@ def _off_pencils(
         determinant = aa * ridged - ab * ab + 1e-9
         first, second = (ridged * ay - ab * by) / determinant, (aa * by - ab * ay) / determinant
         rest = y - first[of_block] * a - second[of_block] * b
-        most = OUTLIER * _medians(np.abs(rest), of_block) + MISFIT_PX
+        most = OUTLIER * _group_medians(np.abs(rest), of_block) + MISFIT_PX
         weights = trust / (1 + (rest / most) ** 2)
     return rest, first[blocks] + second[blocks] * level
 
 
-def _medians(sizes: FloatArray, group: Indices) -> FloatArray:
+def _group_medians(sizes: FloatArray, group: Indices) -> FloatArray:
     """(N,) the median size in the group that each belongs to."""
     return np.array([np.median(sizes[group == k]) for k in range(group.max() + 1)])[group]
 
 
-def _cauchy(rest: FloatArray, weights: FloatArray, group: Indices) -> FloatArray:
+def _cauchy_weights(rest: FloatArray, weights: FloatArray, group: Indices) -> FloatArray:
     """Weights that fall where `rest` is above what it mostly is in its group."""
     variance = np.bincount(group, weights * rest**2) / np.bincount(group, weights)
     return np.asarray(1 / (1 + rest**2 / (variance + MISFIT_PX**2)[group]))

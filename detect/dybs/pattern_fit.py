@@ -6,7 +6,7 @@ from operator import mul
 
 import numpy as np
 
-from detect.dybs.waves import Complex
+from detect.dybs.waves import ComplexMap
 from geometry.arrays import FloatArray, FloatMap
 
 ORDER = 3
@@ -18,10 +18,10 @@ MEDIAN_OF_SQUARE = 0.455
 RIDGE = 1e-6
 
 
-def departure(
+def pattern_misfit(
     grey: FloatMap,
     at: FloatMap,
-    turned: Complex,
+    phasors: ComplexMap,
     frequencies: FloatArray,
     *,
     inside: FloatMap,
@@ -32,7 +32,7 @@ def departure(
     Args:
         grey: (N,) grey levels of some pixels.
         at: (3, N) 1, x, y of each.
-        turned: (Q, N) e^(i phase) of each wave, as measured.
+        phasors: (Q, N) e^(i phase) of each wave, as measured.
         frequencies: (Q, 2) of the waves, cycles per px; what no camera shows is left out.
         inside: (N,) 1 where the lattice is, 0 elsewhere.
         noise: Of the camera, grey levels.
@@ -41,8 +41,10 @@ def departure(
         The share of the pixels that depart by more than 4 times the median and visibly; the median
         squared departure above the noise, in those of the pattern itself.
     """
-    slow = [at, *((at * part) for z in turned for part in (z.real, z.imag))]
-    fast = [part[None] for z in _harmonics(turned, frequencies) for part in (z.real, z.imag)]
+    slow = [at, *((at * part) for z in phasors for part in (z.real, z.imag))]
+    fast = [
+        part[None] for z in _harmonic_phasors(phasors, frequencies) for part in (z.real, z.imag)
+    ]
     design = np.concatenate([*slow, *fast]).astype(np.float32)
     weights, member = inside, inside > 0
     for _ in range(ROUNDS):
@@ -59,16 +61,16 @@ def departure(
     return float(np.mean(errors > max(ODD * median, VISIBLE * own))), float(unexplained)
 
 
-def _harmonics(turned: Complex, frequencies: FloatArray) -> Iterator[Complex]:
+def _harmonic_phasors(phasors: ComplexMap, frequencies: FloatArray) -> Iterator[ComplexMap]:
     """e^(i phase) of sums and differences of up to three of the waves' phases."""
-    powers = [list(accumulate(repeat(z, ORDER), mul, initial=np.ones_like(z))) for z in turned]
+    powers = [list(accumulate(repeat(z, ORDER), mul, initial=np.ones_like(z))) for z in phasors]
     for first in range(ORDER + 1):
-        rest = ORDER - first if len(turned) > 1 else 0
+        rest = ORDER - first if len(phasors) > 1 else 0
         for second in range(-rest, rest + 1):
-            multiples = np.array([first, second][: len(turned)])
+            multiples = np.array([first, second][: len(phasors)])
             mirrored = first == 0 and second <= 0
             alone = first + abs(second) == 1
             if mirrored or alone or np.abs(multiples @ frequencies).max() > 0.5:
                 continue
-            other = powers[-1][abs(second)] if len(turned) > 1 else 1
+            other = powers[-1][abs(second)] if len(phasors) > 1 else 1
             yield powers[0][first] * (other if second >= 0 else np.conj(other))

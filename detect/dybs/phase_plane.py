@@ -16,7 +16,7 @@ RIDGE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plane:
+class PhasePlane:
     """Phase q at (x, y) is (a_q + b_q x + c_q y) / (1 + d x + e y), rad.
 
     Attributes:
@@ -66,18 +66,18 @@ class Plane:
     def phases(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(Q, ...) rad at positions that broadcast."""
         rows = [a + b * x + c * y for a, b, c in self.numerators]
-        return np.asarray(np.stack(rows) * self._nearness(x, y))
+        return np.asarray(np.stack(rows) * self._perspective_scale(x, y))
 
     def slopes(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(Q, ...) change of the phases along x and along y."""
-        near, phases = self._nearness(x, y), self.phases(x, y)
+        near, phases = self._perspective_scale(x, y), self.phases(x, y)
         along = [
             (self.numerators[:, i + 1, None, None] - self.denominator[i] * phases) * near
             for i in range(2)
         ]
         return along[0], along[1]
 
-    def _nearness(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _perspective_scale(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         d, e = self.denominator
         return np.asarray(1 / (1 + d * x + e * y))
 
