@@ -13,9 +13,9 @@ from rich.console import Console
 
 from locate.journal.progress import progress_bars
 from locate.simulation.campaign import Campaign, simulate_campaign
-from locate.survey.build import survey
+from locate.survey.build import build_survey
 from locate.survey.engine import LOCAL
-from locate.survey.model import Settings
+from locate.survey.model import SurveySettings
 from locate.survey.scoring import SurveyScore, score_survey, score_table
 from locate.survey.table import survey_table
 
@@ -40,8 +40,8 @@ def main(output: Path, flights: int, scheduler: str | None = LOCAL) -> SurveySco
         #    focal length cannot be seen, so the camera is given. Run this again with more flights:
         #    those that are done are not done again.
         videos = [next((recordings / "videos").glob(f"{f.name}.mkv")) for f in campaign.flights]
-        settings = Settings(camera=recordings / "camera.json", cell_m=4.0)
-        answer = survey(
+        settings = SurveySettings(camera=recordings / "camera.json", cell_m=4.0)
+        answer = build_survey(
             videos, output / "survey", settings=settings, scheduler=scheduler, report=report
         )
 

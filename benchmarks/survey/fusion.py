@@ -17,7 +17,7 @@ from benchmarks.survey.sightings import offset_of, sighting
 from geometry.arrays import BoolArray, FloatArray
 from locate.evaluation.plumes import pair_within_gate
 from locate.survey.associate import associate
-from locate.survey.frame import Offset, Seen
+from locate.survey.frame import FlightOffset, PlumeSighting
 from locate.survey.occurrence import hotspot_posterior
 from locate.survey.scoring import GATE_M
 
@@ -35,8 +35,8 @@ class Drawn:
     chance: FloatArray
     stood: BoolArray
     leans: FloatArray
-    offsets: list[Offset]
-    seen: list[Seen]
+    offsets: list[FlightOffset]
+    seen: list[PlumeSighting]
     site_of: FloatArray
 
 
@@ -96,7 +96,7 @@ def draw(rng: np.random.Generator) -> Drawn:
 
 def scores(drawn: Drawn) -> dict[str, FloatArray]:
     fused = associate(drawn.seen, drawn.offsets, drawn.leans, wander_m=WANDER_M, area_m2=SIZE_M**2)
-    solved, counts = fused.solved, np.bincount(fused.hotspot_of)
+    solved, counts = fused.solution, np.bincount(fused.hotspot_of)
     visible = np.unique(drawn.site_of[drawn.site_of >= 0]).astype(int)
     apart = np.linalg.norm((drawn.sites[visible][:, None] - solved.positions)[..., :2], axis=-1)
     paired = [(int(visible[i]), k) for i, k in pair_within_gate(apart, np.array(GATE_M))]
@@ -121,7 +121,7 @@ def scores(drawn: Drawn) -> dict[str, FloatArray]:
             error @ np.linalg.solve(solved.covariances[k][:2, :2], error)
             for error, (_, k) in zip(errors, paired, strict=True)
         ]),
-        "drift": np.array([(solved.common.drift_m - DRIFT_M) / solved.common.drift_sigma_m]),
+        "drift": np.array([(solved.shared.drift_m - DRIFT_M) / solved.shared.drift_sigma_m]),
         "said": np.array([mean for mean, _, _ in answers]) - chance,
         "inside": np.array([
             float(low <= true <= high)

@@ -14,7 +14,7 @@ from benchmarks.common.cost import peak_mib
 from benchmarks.survey.sightings import offset_of, sighting
 from geometry.arrays import FloatArray
 from locate.survey.associate import associate
-from locate.survey.frame import Seen
+from locate.survey.frame import PlumeSighting
 
 AREA_M, HOTSPOTS, SEEN = 400.0, 20, 4
 OWN_M, WANDER_M, DRIFT_M, LEAN = 0.3, 0.5, 4.0, 0.1
@@ -50,7 +50,7 @@ def main(options: argparse.Namespace) -> None:
         print(f"{flights} | {len(kept)} | {spent:.1f} | {found} | {peak_mib():.0f}", flush=True)
 
 
-def flown(sites: FloatArray, leans: FloatArray, rng: np.random.Generator) -> list[Seen]:
+def flown(sites: FloatArray, leans: FloatArray, rng: np.random.Generator) -> list[PlumeSighting]:
     """Every site as every flight sees it."""
     seen = []
     for flight, lean in enumerate(leans):

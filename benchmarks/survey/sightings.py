@@ -6,28 +6,30 @@ from geometry.arrays import FloatArray
 from geometry.georeference.constraints import point_jacobian
 from geometry.similarity import Similarity
 from locate.map.plume import Plume
-from locate.survey.frame import Offset, Seen
+from locate.survey.frame import FlightOffset, PlumeSighting
 
 UPRIGHT = np.array([0.0, 0.0, 1.0])
 
 
-def offset_of(flight: int, sigmas: FloatArray) -> Offset:
+def offset_of(flight: int, sigmas: FloatArray) -> FlightOffset:
     """Of a flight's frame: nothing, known to (7,) sigmas of turn, shift and scale."""
     unmoved = Similarity(scale=1.0, rotation=np.eye(3), translation=np.zeros(3))
-    return Offset(flight=str(flight), survey_from_flight=unmoved, covariance=np.diag(sigmas**2))
+    return FlightOffset(
+        flight=str(flight), survey_from_flight=unmoved, covariance=np.diag(sigmas**2)
+    )
 
 
 def sighting(
     flight: int, foot: FloatArray, offset: FloatArray, own_m: float, rng: np.random.Generator
-) -> Seen:
+) -> PlumeSighting:
     """A column at `foot`, seen in a frame off by `offset` (7,) with an error of its own."""
     position = foot + point_jacobian(foot[None])[0] @ offset + rng.normal(0, own_m, 3)
-    return Seen(
+    return PlumeSighting(
         flight=flight,
         plume=plume_at(position),
         position=position,
-        own=own_m**2 * np.eye(3),
-        by_offset=point_jacobian(position[None])[0],
+        own_covariance=own_m**2 * np.eye(3),
+        offset_jacobian=point_jacobian(position[None])[0],
         axis=UPRIGHT,
     )
 

@@ -22,8 +22,8 @@ from typing import Any
 
 from locate.map.plume import PlumeMap
 from locate.survey import engine
-from locate.survey.flights import Fly, Given
-from locate.survey.model import Flight, Settings
+from locate.survey.flights import FlightJob, RequestedFlight
+from locate.survey.model import Flight, SurveySettings
 
 WORKERS = {"one": 1, "two": 2, "killed": 2}
 KILLED_IN = "detections 0"
@@ -31,18 +31,18 @@ MIB = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured(Fly):
+class Measured(FlightJob):
     """The job, with a line in NOTES for every part begun and done."""
 
     notes: Path
 
-    def part(self, given: Given, name: str) -> str | None:
-        return self._noted(given, name, lambda: Fly.part(self, given, name))
+    def do_part(self, given: RequestedFlight, name: str) -> str | None:
+        return self._noted(given, name, lambda: FlightJob.do_part(self, given, name))
 
-    def __call__(self, given: Given) -> Flight:
-        return self._noted(given, "end", lambda: Fly.__call__(self, given))
+    def __call__(self, given: RequestedFlight) -> Flight:
+        return self._noted(given, "end", lambda: FlightJob.__call__(self, given))
 
-    def _noted(self, given: Given, name: str, work: Callable[[], Any]) -> Any:
+    def _noted(self, given: RequestedFlight, name: str, work: Callable[[], Any]) -> Any:
         about = {"flight": given.name, "part": name, "pid": os.getpid()}
         self._note(about)
         cpu = time.process_time()
@@ -79,12 +79,12 @@ def fly(options: argparse.Namespace) -> None:
     folder = (options.out / mode).resolve()
     folder.mkdir(parents=True)
     given = [
-        Given(name=video.stem, source=video.resolve(), folder=folder / video.stem)
+        RequestedFlight(name=video.stem, source=video.resolve(), folder=folder / video.stem)
         for video in videos
     ]
-    settings = Settings(camera=(campaign / "camera.json").resolve())
+    settings = SurveySettings(camera=(campaign / "camera.json").resolve())
     job = Measured(settings=settings, notes=folder / "notes.jsonl")
-    engine.cores = lambda: WORKERS[mode]  # type: ignore[assignment]
+    engine.count_cores = lambda: WORKERS[mode]  # type: ignore[assignment]
     if mode == "killed":
         threading.Thread(target=kill_one, args=(job.notes,), daemon=True).start()
     start = time.perf_counter()

@@ -41,8 +41,8 @@ def survey(
         float | None,
         typer.Option(
             min=1e-3,
-            help="A look counts where a column of this mean displacement in px would be found; "
-            "the median sighting's if left out.",
+            help="A flight observed a cell where it would have detected a column of this mean "
+            "displacement in px; the median sighting's if left out.",
         ),
     ] = None,
     radius: Annotated[
@@ -53,17 +53,16 @@ def survey(
     ] = None,
     wander: Annotated[
         float | None,
-        typer.Option(min=0, help="How far (m, 1 sigma) columns stand from their hotspot."),
+        typer.Option(min=0, help="How far (m, 1 sigma) columns are from their hotspot."),
     ] = None,
     scheduler: Annotated[
         str, typer.Option(help="Address of a Dask scheduler, or all cores of this machine.")
     ] = "local",
     verbose: Verbose = False,
 ) -> None:
-    """Join many flights to one updraft map; add flights to one that stands."""
-    from locate.survey.build import SURVEY, opened
-    from locate.survey.build import survey as join
-    from locate.survey.storage import fetched, mirrored
+    """Join many flights to one updraft map; add flights to an existing one."""
+    from locate.survey.build import SURVEY, build_survey, open_survey
+    from locate.survey.storage import fetch_flights, mirror_folder
     from locate.survey.table import survey_table
 
     asked = {
@@ -81,13 +80,13 @@ def survey(
     given = {name: value for name, value in asked.items() if value is not None}
     with (
         interruptible(),
-        mirrored(output, scheduler) as folder,
+        mirror_folder(output, scheduler) as folder,
         progress_bars(err) as report,
     ):
-        before = opened(folder).settings
+        before = open_survey(folder).settings
         with log_to_file(folder / "log.jsonl", console=err if verbose else None):
-            done = join(
-                fetched(flights or [], folder, scheduler),
+            done = build_survey(
+                fetch_flights(flights or [], folder, scheduler),
                 folder,
                 settings=before.model_copy(update=given),
                 scheduler=scheduler,

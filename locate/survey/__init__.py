@@ -1,1 +1,1 @@
-"""Many flights, one map: where columns of air rise, how often, and where nobody looked."""
+"""Many flights, one map: where columns of air rise, how often, and what was not observed."""

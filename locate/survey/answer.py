@@ -1,4 +1,4 @@
-"""What a survey answers, in the terms of its file."""
+"""Hotspots, sightings and notes of a survey, as its file holds them."""
 
 from collections.abc import Sequence
 
@@ -6,83 +6,87 @@ import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.georeference import HeightDatum
-from locate.survey.associate import Fused
-from locate.survey.coverage import Looks
-from locate.survey.findings import Hotspot, Sighting, matrix, vector
-from locate.survey.frame import Seen
+from locate.survey.associate import AssociatedHotspots
+from locate.survey.coverage import FlightCoverage
+from locate.survey.findings import Hotspot, SightingRecord, plain_matrix, plain_vector
+from locate.survey.frame import PlumeSighting
 from locate.survey.model import Flight, Survey
 from locate.survey.occurrence import hotspot_counts
 
 SOLAR_TIME = "Hours are mean solar time, from UTC and the longitude, within a quarter of an hour."
 RECORDER_TIME = (
-    "Where a flight's telemetry has only the recorder's own clock, hours are as it says: time zone "
-    "and summer time can put them an hour or two from solar time."
+    "Where a flight's telemetry has only the recorder's own clock, hours are those of that clock: "
+    "time zone and summer time can put them an hour or two from solar time."
 )
-NO_TIME = "Some flights do not say when they were; they count in all hours together only."
+NO_TIME = "The time of some flights is not known; they count in all hours together only."
 NO_HEIGHTS = "Flights count heights from different levels: heights are weak."
 
 
 def hotspots_of(
-    seen: Sequence[Seen],
-    fused: Fused,
-    looks: Sequence[Looks | None],
+    sightings: Sequence[PlumeSighting],
+    associated: AssociatedHotspots,
+    coverages: Sequence[FlightCoverage | None],
     labels: Sequence[str],
     begun: Survey,
 ) -> tuple[Hotspot, ...]:
     """The hotspots in the order of their numbers.
 
     Args:
-        seen: The sightings.
-        fused: What became of them.
-        looks: Of each flight.
+        sightings: Those of all flights.
+        associated: Their hotspots.
+        coverages: Of each flight; None where it is not known.
         labels: Season and hours of each flight.
-        begun: The survey so far.
+        begun: The survey with its settings, flights and reference column.
     """
     return tuple(
-        _hotspot(number, k, seen, fused, looks, labels, begun)
-        for number, k in enumerate(ranking(fused), start=1)
+        _make_hotspot(number, k, sightings, associated, coverages, labels, begun)
+        for number, k in enumerate(rank_hotspots(associated), start=1)
     )
 
 
-def ranking(fused: Fused) -> IntArray:
+def rank_hotspots(associated: AssociatedHotspots) -> IntArray:
     """(K,) indices of the hotspots, most often seen first."""
-    counts = np.bincount(fused.hotspot_of, minlength=len(fused.solved.positions))
+    counts = np.bincount(associated.hotspot_of, minlength=len(associated.solution.positions))
     return np.argsort(-counts, kind="stable")
 
 
-def _hotspot(
+def _make_hotspot(
     number: int,
     k: int,
-    seen: Sequence[Seen],
-    fused: Fused,
-    looks: Sequence[Looks | None],
+    sightings: Sequence[PlumeSighting],
+    associated: AssociatedHotspots,
+    coverages: Sequence[FlightCoverage | None],
     labels: Sequence[str],
     begun: Survey,
 ) -> Hotspot:
-    members = [one for one, group in zip(seen, fused.hotspot_of, strict=True) if group == k]
-    position, weakest_px = fused.solved.positions[k], begun.column.displacement_px
-    saw = {one.flight for one in members}
-    looked = [
+    members = [
+        one for one, group in zip(sightings, associated.hotspot_of, strict=True) if group == k
+    ]
+    position, weakest_px = associated.solution.positions[k], begun.column.displacement_px
+    detected_by = {one.flight for one in members}
+    observers = [
         index
-        for index, one in enumerate(looks)
-        if index in saw or limit_at(one, position, begun.settings.cell_m) <= weakest_px
+        for index, one in enumerate(coverages)
+        if index in detected_by or limit_at(one, position, begun.settings.cell_m) <= weakest_px
     ]
     axis = np.mean([one.axis for one in members], axis=0)
     doubt = np.prod([1 - one.plume.probability for one in members])
     return Hotspot(
         id=number,
-        position=vector(position),
-        covariance=matrix(fused.solved.covariances[k]),
-        axis=vector(axis / np.linalg.norm(axis)),
+        position=plain_vector(position),
+        covariance=plain_matrix(associated.solution.covariances[k]),
+        axis=plain_vector(axis / np.linalg.norm(axis)),
         displacement_px=float(np.mean([one.plume.displacement_px for one in members])),
         probability=float(1 - doubt),
-        looked_by=tuple(begun.mapped[i].name for i in looked),
-        occurrence=hotspot_counts([labels[i] for i in looked], [labels[i] for i in sorted(saw)]),
+        looked_by=tuple(begun.mapped[i].name for i in observers),
+        occurrence=hotspot_counts(
+            [labels[i] for i in observers], [labels[i] for i in sorted(detected_by)]
+        ),
     )
 
 
-def limit_at(one: Looks | None, position: FloatArray, cell_m: float) -> float:
-    """Px of the weakest column that a flight would have found at a place."""
+def limit_at(one: FlightCoverage | None, position: FloatArray, cell_m: float) -> float:
+    """The weakest column, px, that a flight would have detected at a place."""
     if one is None:
         return np.inf
     column, row = (np.floor(position[:2] / cell_m).astype(int) - one.low).tolist()
@@ -91,22 +95,25 @@ def limit_at(one: Looks | None, position: FloatArray, cell_m: float) -> float:
 
 
 def sightings_in(
-    seen: Sequence[Seen], fused: Fused, leans: FloatArray, flights: Sequence[Flight]
-) -> tuple[Sighting, ...]:
+    sightings: Sequence[PlumeSighting],
+    associated: AssociatedHotspots,
+    leans: FloatArray,
+    flights: Sequence[Flight],
+) -> tuple[SightingRecord, ...]:
     """Every sighting with the number of its hotspot."""
-    positions, unsure = fused.solved.common.corrected(seen, leans)
-    number = np.argsort(ranking(fused)) + 1
+    positions, unsure = associated.solution.shared.correct_positions(sightings, leans)
+    number = np.argsort(rank_hotspots(associated)) + 1
     return tuple(
-        Sighting(
+        SightingRecord(
             flight=flights[one.flight].name,
             plume=one.plume.id,
-            hotspot=int(number[fused.hotspot_of[i]]),
-            position=vector(one.position),
-            corrected=vector(positions[i]),
-            covariance=matrix(one.own + unsure[i]),
-            weight=float(fused.solved.weights[i]),
+            hotspot=int(number[associated.hotspot_of[i]]),
+            position=plain_vector(one.position),
+            corrected=plain_vector(positions[i]),
+            covariance=plain_matrix(one.own_covariance + unsure[i]),
+            weight=float(associated.solution.weights[i]),
         )
-        for i, one in enumerate(seen)
+        for i, one in enumerate(sightings)
     )
 
 

@@ -1,6 +1,6 @@
 """Which sightings of several flights are of one hotspot, and where the hotspots are.
 
-The model: the foot of a column stands where its hotspot is, off by chance by `wander_m` each way,
+The model: the foot of a column is where its hotspot is, off by chance by `wander_m` each way,
 and downwind of it by a length times how far the columns of that flight lean. That length is one
 for the whole survey, and unknown; so is each flight's offset, known to the covariance of its
 georeference. Sightings of one flight are of different hotspots.
@@ -13,64 +13,66 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from geometry.arrays import FloatArray, IntArray
-from locate.survey.frame import Offset, Seen
-from locate.survey.graph import Common, Solved, solve
+from locate.survey.frame import FlightOffset, PlumeSighting
+from locate.survey.graph import GraphSolution, SharedCorrections, solve_graph
 
 APART = 1e6
+"""Cost, nats, of two sightings of one flight in one group: never."""
 SAME = 0.5
+"""Prior probability that a sighting is of a given other flight's hotspot; chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fused:
+class AssociatedHotspots:
     """Hotspots and what belongs to them.
 
     Attributes:
         hotspot_of: (N,) index of the hotspot of each sighting, from 0.
-        solved: Their positions, with the offsets of the flights.
+        solution: Their positions, with the offsets of the flights.
     """
 
     hotspot_of: IntArray
-    solved: Solved
+    solution: GraphSolution
 
 
 def associate(
-    seen: Sequence[Seen],
-    offsets: Sequence[Offset],
+    sightings: Sequence[PlumeSighting],
+    offsets: Sequence[FlightOffset],
     leans: FloatArray,
     *,
     wander_m: float,
     area_m2: float,
-) -> Fused:
-    """Groups sightings, solves for their hotspots, and joins hotspots that prove to be one.
+) -> AssociatedHotspots:
+    """Groups sightings, solves for their hotspots, and merges hotspots that prove to be one.
 
     Args:
-        seen: N sightings.
+        sightings: N of them.
         offsets: Of the F flights.
         leans: (F, 2) of the columns of each flight, the survey's mean taken out.
-        wander_m: Standard deviation of where a hotspot's column stands.
-        area_m2: That was looked at.
+        wander_m: Standard deviation of the foot of a hotspot's column about it.
+        area_m2: Of the ground that was observed.
     """
-    density = max(len(seen), 1) / max(len(offsets), 1) / area_m2
-    groups = grouped(seen, Common.prior(offsets), leans, wander_m, density)
-    solved = solve(seen, groups, offsets, leans, wander_m)
-    while pairs := same_hotspots(seen, groups, solved, density):
-        groups = _merged(groups, pairs)
-        solved = solve(seen, groups, offsets, leans, wander_m)
-    return Fused(hotspot_of=groups, solved=solved)
+    density = max(len(sightings), 1) / max(len(offsets), 1) / area_m2
+    groups = group_sightings(sightings, SharedCorrections.prior(offsets), leans, wander_m, density)
+    solution = solve_graph(sightings, groups, offsets, leans, wander_m)
+    while pairs := find_same_hotspots(sightings, groups, solution, density):
+        groups = _merge_groups(groups, pairs)
+        solution = solve_graph(sightings, groups, offsets, leans, wander_m)
+    return AssociatedHotspots(hotspot_of=groups, solution=solution)
 
 
-def same_hotspots(
-    seen: Sequence[Seen], groups: IntArray, solved: Solved, density: float
+def find_same_hotspots(
+    sightings: Sequence[PlumeSighting], groups: IntArray, solution: GraphSolution, density: float
 ) -> list[tuple[int, int]]:
     """Pairs of hotspots that are likelier one than two; of each hotspot only its likeliest."""
-    count = len(solved.positions)
-    saw = np.zeros((count, 1 + max((one.flight for one in seen), default=0)), dtype=bool)
-    saw[groups, [one.flight for one in seen]] = True
+    count = len(solution.positions)
+    saw = np.zeros((count, 1 + max((one.flight for one in sightings), default=0)), dtype=bool)
+    saw[groups, [one.flight for one in sightings]] = True
     each = np.arange(count)
-    alone, shared = solved.covariances[:, :2, :2], solved.joint[:, :, :2, :2]
+    alone, shared = solution.covariances[:, :2, :2], solution.joint[:, :, :2, :2]
     covariance = alone[:, None] + alone - shared - shared.swapaxes(0, 1)
     covariance[each, each] = np.eye(2)
-    apart = (solved.positions[:, None] - solved.positions)[..., :2]
+    apart = (solution.positions[:, None] - solution.positions)[..., :2]
     odds = _log_density(apart, covariance) - np.log(density / SAME)
     odds[saw.astype(int) @ saw.T > 0] = -np.inf
     likely = [(k, other) for k, other in np.argwhere(odds > 0).tolist() if k < other]
@@ -82,16 +84,16 @@ def same_hotspots(
     return pairs
 
 
-def _merged(groups: IntArray, pairs: list[tuple[int, int]]) -> IntArray:
+def _merge_groups(groups: IntArray, pairs: list[tuple[int, int]]) -> IntArray:
     joined = groups.copy()
     for kept, gone in pairs:
         joined[groups == gone] = kept
     return np.unique(joined, return_inverse=True)[1].astype(np.int64)
 
 
-def grouped(
-    seen: Sequence[Seen],
-    common: Common,
+def group_sightings(
+    sightings: Sequence[PlumeSighting],
+    shared: SharedCorrections,
     leans: FloatArray,
     wander_m: float,
     density: float,
@@ -99,22 +101,22 @@ def grouped(
     """(N,) groups, numbered as they come: sightings that one hotspot explains better than two.
 
     A sighting is of the hotspot of another flight's sighting with probability `SAME`, and then
-    differs from it as their errors say; or it is one of the others, anywhere that was looked at.
+    differs from it by their errors; or it is one of the others, anywhere on the observed ground.
     Complete linkage: all pairs of a group must agree.
 
     Args:
-        seen: N sightings.
-        common: What is known of the offsets and the drift.
+        sightings: N of them.
+        shared: What is known of the offsets and the drift.
         leans: As of `associate`.
         wander_m: Likewise.
         density: How many a flight sees, per square metre.
     """
-    if len(seen) < 2:
-        return np.zeros(len(seen), dtype=np.int64)
-    flights = np.array([one.flight for one in seen])
+    if len(sightings) < 2:
+        return np.zeros(len(sightings), dtype=np.int64)
+    flights = np.array([one.flight for one in sightings])
     even = np.log(density / SAME)
-    cost = even - _log_densities(seen, common, leans, wander_m)
-    cost = np.where(flights[:, None] == flights, APART, cost)[np.triu_indices(len(seen), 1)]
+    cost = even - _log_densities(sightings, shared, leans, wander_m)
+    cost = np.where(flights[:, None] == flights, APART, cost)[np.triu_indices(len(sightings), 1)]
     lowest = min(float(cost.min()), 0.0)
     # Linkage wants distances: shifted to be positive, and cut where the odds are even.
     labels = fcluster(linkage(cost - lowest, "complete"), -lowest, "distance")
@@ -123,15 +125,18 @@ def grouped(
 
 
 def _log_densities(
-    seen: Sequence[Seen], common: Common, leans: FloatArray, wander_m: float
+    sightings: Sequence[PlumeSighting],
+    shared: SharedCorrections,
+    leans: FloatArray,
+    wander_m: float,
 ) -> FloatArray:
     """(N, N) log density of the horizontal difference of two sightings of one hotspot, 1 / m^2."""
-    position, unsure = common.corrected(seen, leans)
-    single = np.array([one.own for one in seen]) + unsure
+    position, unsure = shared.correct_positions(sightings, leans)
+    single = np.array([one.own_covariance for one in sightings]) + unsure
     single = single[:, :2, :2] + wander_m**2 * np.eye(2)
-    lean = leans[[one.flight for one in seen]]
+    lean = leans[[one.flight for one in sightings]]
     turned = lean[:, None] - lean
-    drift = common.drift_sigma_m**2 * turned[..., :, None] * turned[..., None, :]
+    drift = shared.drift_sigma_m**2 * turned[..., :, None] * turned[..., None, :]
     covariance = single[:, None] + single + drift
     difference = (position[:, None] - position)[..., :2]
     return _log_density(difference, covariance)

@@ -1,4 +1,4 @@
-"""The ground in cells: how often each was looked at, and how often something rose there."""
+"""The ground in cells: how often each was observed, and how often something rose there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,30 +8,33 @@ import numpy as np
 from scipy.stats import norm
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
-from locate.survey.coverage import Looks
-from locate.survey.occurrence import pooled_prior, posterior, posterior_mean
+from locate.survey.coverage import FlightCoverage
+from locate.survey.occurrence import beta_posterior, pooled_prior, posterior_mean
 
 LATTICE = 15
+"""Points each way that stand for a normal density; chosen."""
 LATTICE_SIGMAS = 3.0
+"""How far they reach."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cells:
-    """A window of cells with what all flights say of them.
+class CellGrid:
+    """A window of cells with the counts of all flights.
 
     Attributes:
         low: (2,) number of the first cell, east and north.
         cell_m: Edge of a cell.
         bins: Labels of season and hours.
-        looked: (B, H, W) flights of each bin that looked, row 0 in the south.
-        seen: (B, H, W) flights that saw something, shared between cells where the place is unsure.
-        limit_px: (H, W) of the weakest column that any flight would have found.
+        observed: (B, H, W) flights of each bin that observed the cell, row 0 in the south.
+        seen: (B, H, W) flights that detected something, shared between cells where the place is
+            uncertain.
+        limit_px: (H, W) of the weakest column that any flight would have detected.
     """
 
     low: IntArray
     cell_m: float
     bins: tuple[str, ...]
-    looked: FloatArray
+    observed: FloatArray
     seen: FloatArray
     limit_px: FloatMap
 
@@ -44,22 +47,22 @@ class Cells:
     @cached_property
     def prior(self) -> tuple[float, float]:
         """Mean and weight of the prior of a cell."""
-        return pooled_prior(self.looked, self.seen)
+        return pooled_prior(self.observed, self.seen)
 
     @cached_property
-    def overall(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def overall_probability(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(H, W) each: probability over all flights, its 5 % and its 95 % quantile."""
-        return posterior(self.looked.sum(axis=0), self.seen.sum(axis=0), self.prior)
+        return beta_posterior(self.observed.sum(axis=0), self.seen.sum(axis=0), self.prior)
 
     def in_bin(self, index: int) -> FloatArray:
-        """(H, W) probability in one bin; its prior is what the cell shows over all flights."""
-        mean = np.nan_to_num(self.overall[0], nan=self.prior[0])
-        return posterior_mean(self.looked[index], self.seen[index], (mean, self.prior[1]))
+        """(H, W) probability in one bin; its prior is the mean of the cell over all flights."""
+        mean = np.nan_to_num(self.overall_probability[0], nan=self.prior[0])
+        return posterior_mean(self.observed[index], self.seen[index], (mean, self.prior[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spot:
-    """Where something was seen: the flight's index, the place (m) and its (2, 2) covariance."""
+class SightingPlace:
+    """Where something was detected: the flight's index, the place (m) and its (2, 2) covariance."""
 
     flight: int
     position: FloatArray
@@ -67,58 +70,62 @@ class Spot:
 
 
 def count_cells(
-    looks: Sequence[Looks | None],
+    coverages: Sequence[FlightCoverage | None],
     bin_of: Sequence[str],
-    spots: Sequence[Spot],
+    places: Sequence[SightingPlace],
     *,
     bins: tuple[str, ...],
     cell_m: float,
     weakest_px: float,
-) -> Cells | None:
-    """Adds up what F flights looked at and saw; None where no flight knows where it looked.
+) -> CellGrid | None:
+    """Adds up what F flights observed and detected; None where no coverage is known.
 
     Args:
-        looks: Of each flight; None where they are not known.
+        coverages: Of each flight; None where it is not known.
         bin_of: The bin of each flight.
-        spots: What was seen.
+        places: Of the sightings.
         bins: All bins, in order.
         cell_m: Edge of a cell.
-        weakest_px: What a look must have been able to find.
+        weakest_px: A flight observed a cell where it would have detected a column of this.
     """
-    known = [one for one in looks if one is not None and one.limit_px.size]
+    known = [one for one in coverages if one is not None and one.limit_px.size]
     if not known:
         return None
     low = np.min([one.low for one in known], axis=0)
     high = np.max([one.low + one.limit_px.shape[::-1] for one in known], axis=0)
     columns, rows = (high - low).tolist()
-    looked = np.zeros((len(bins), rows, columns))
-    seen, limit_px = np.zeros_like(looked), np.full((rows, columns), np.inf, np.float32)
-    for index, (one, name) in enumerate(zip(looks, bin_of, strict=True)):
-        saw = np.zeros((rows, columns))
-        for spot in (spot for spot in spots if spot.flight == index):
-            saw = np.maximum(saw, spread(spot, low, (rows, columns), cell_m))
-        could = np.zeros_like(saw)
+    observed = np.zeros((len(bins), rows, columns))
+    seen, limit_px = np.zeros_like(observed), np.full((rows, columns), np.inf, np.float32)
+    for index, (one, name) in enumerate(zip(coverages, bin_of, strict=True)):
+        detected = np.zeros((rows, columns))
+        for place in (place for place in places if place.flight == index):
+            detected = np.maximum(detected, spread_over_cells(place, low, (rows, columns), cell_m))
+        detectable = np.zeros_like(detected)
         if one is not None and one.limit_px.size:
-            window = _window(one, low)
-            could[window] = one.limit_px <= weakest_px
+            window = _grid_window(one, low)
+            detectable[window] = one.limit_px <= weakest_px
             limit_px[window] = np.minimum(limit_px[window], one.limit_px)
-        looked[bins.index(name)] += np.maximum(could, saw)
-        seen[bins.index(name)] += saw
-    return Cells(low=low, cell_m=cell_m, bins=bins, looked=looked, seen=seen, limit_px=limit_px)
+        observed[bins.index(name)] += np.maximum(detectable, detected)
+        seen[bins.index(name)] += detected
+    return CellGrid(
+        low=low, cell_m=cell_m, bins=bins, observed=observed, seen=seen, limit_px=limit_px
+    )
 
 
-def _window(one: Looks, low: IntArray) -> tuple[slice, slice]:
+def _grid_window(one: FlightCoverage, low: IntArray) -> tuple[slice, slice]:
     column, row = (one.low - low).tolist()
     height, width = one.limit_px.shape
     return slice(row, row + height), slice(column, column + width)
 
 
-def spread(spot: Spot, low: IntArray, shape: tuple[int, int], cell_m: float) -> FloatArray:
+def spread_over_cells(
+    place: SightingPlace, low: IntArray, shape: tuple[int, int], cell_m: float
+) -> FloatArray:
     """(H, W) share of a place that lies in each cell; what lies outside of the window is lost."""
     steps = np.linspace(-LATTICE_SIGMAS, LATTICE_SIGMAS, LATTICE)
     weight = np.outer(norm.pdf(steps), norm.pdf(steps)).ravel()
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    places = spot.position[:2] + grid @ np.linalg.cholesky(spot.covariance).T
+    places = place.position[:2] + grid @ np.linalg.cholesky(place.covariance).T
     columns, rows = (np.floor(places / cell_m).astype(int) - low).T
     inside = (columns >= 0) & (columns < shape[1]) & (rows >= 0) & (rows < shape[0])
     flat = rows[inside] * shape[1] + columns[inside]

@@ -1,7 +1,7 @@
-"""Where one flight looked: the weakest column it would have found over each cell of the ground.
+"""Which ground a flight observed: the weakest column it would have detected over each cell.
 
-Cells are squares of the survey's frame, numbered from its origin, so that another flight changes
-nothing of what is known of this one.
+Cells are squares of the survey's frame, numbered from its origin, so that another flight does
+not change the coverage of this one.
 """
 
 from dataclasses import dataclass, replace
@@ -29,26 +29,30 @@ from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import digest
 from locate.survey.flights import read_config
 from locate.survey.frame import offset_of
-from locate.survey.model import Column, Flight
+from locate.survey.model import Flight, ReferenceColumn
 from locate.survey.wind import STEEPEST_UP
 
 MOST_CELLS = 40_000
+"""Cells of one flight's window; chosen to bound memory and time."""
 REACH_CELLS = 1.5
+"""A cell without ground points takes the height of one this near, in cells; chosen."""
 GROUND_STEP_PX = 4
+"""Every so many pixels give a ground point, each way; chosen."""
 FORMAT = 2
+"""Version of the file; part of its key."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looks:
-    """What a flight would have found over a window of cells.
+class FlightCoverage:
+    """The weakest columns that a flight would have detected over a window of cells.
 
     Attributes:
         low: (2,) number of the window's first cell, east and north; cell i spans i to i + 1 edges.
-        limit_px: (H, W) displacement of the weakest column it would have found in the cell, row 0
-            in the south; inf where none.
-        seen_px: (P,) of each plume of its map, the even displacement of such a column that would
-            have given as much evidence; inf where none would.
-        key: Of what it was made from.
+        limit_px: (H, W) displacement of the weakest column it would have detected in the cell,
+            row 0 in the south; inf where none.
+        seen_px: (P,) for each plume of its map, the uniform displacement of such a column that
+            would have given as much evidence; inf where none would.
+        key: Digest of its inputs.
     """
 
     low: IntArray
@@ -71,70 +75,76 @@ class Looks:
         try:
             return cls(**arrays | {"key": str(arrays["key"].item())})  # type: ignore[arg-type]
         except (KeyError, TypeError, ValueError) as error:
-            raise BadInputError(f"{path}: not the looks of a flight ({error})") from error
+            raise BadInputError(f"{path}: not the coverage of a flight ({error})") from error
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
-    """The job done for each flight that is mapped: its looks, kept in `folder`.
+class CoverageJob:
+    """The job done for each flight that is mapped: its coverage, kept in `folder`.
 
     Attributes:
         folder: Where NAME.npz is kept.
         frame: The survey's.
         cell_m: Edge of a cell.
-        column: What a look must be able to find; its displacement does not matter here.
+        column: The reference column; its displacement does not matter here.
     """
 
     folder: Path
     frame: Georeference
     cell_m: float
-    column: Column
+    column: ReferenceColumn
 
     def __call__(self, flight: Flight) -> str | None:
-        """Leaves the file; returns why there is none, if there is none."""
+        """Writes the file; returns why that is not possible, or None."""
         path = self.folder / f"{flight.name}.npz"
         try:
-            key = self._key(flight)
-            if not _stands(path, key):
-                replace(look(flight, self.frame, self.cell_m, self.column), key=key).save(path)
+            key = self._cache_key(flight)
+            if not _is_current(path, key):
+                replace(
+                    measure_coverage(flight, self.frame, self.cell_m, self.column), key=key
+                ).save(path)
         except BadInputError as error:
             return str(error)
         return None
 
-    def _key(self, flight: Flight) -> str:
+    def _cache_key(self, flight: Flight) -> str:
         made_from = (FORMAT, flight.digest, flight.map, self.frame, self.cell_m)
         shape = (self.column.radius_m, self.column.height_m)
         return digest(f"{made_from} {shape}".encode())
 
 
-def _stands(path: Path, key: str) -> bool:
+def _is_current(path: Path, key: str) -> bool:
     try:
-        return Looks.load(path).key == key
+        return FlightCoverage.load(path).key == key
     except BadInputError:
         return False
 
 
-def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> Looks:
-    """Works out where a flight looked.
+def measure_coverage(
+    flight: Flight, frame: Georeference, cell_m: float, column: ReferenceColumn
+) -> FlightCoverage:
+    """Works out which ground a flight observed.
 
-    A column stands on the ground in the middle of every cell that the flight saw the ground
-    of, and the evidence that its displacement gets at each pixel's own sigma is held against
-    what the run took for a plume, as for the map's own detection limit.
+    A column is placed on the ground in the middle of every cell whose ground the flight saw. The
+    evidence that its displacement gives at each pixel's own sigma is compared with the run's
+    threshold for a plume, as for the map's own detection limit.
 
     Args:
         flight: One with a run folder that holds its detections.
         frame: The survey's.
         cell_m: Edge of a cell.
-        column: That stands there.
+        column: The column that is placed there.
 
     Raises:
-        BadInputError: The folder is incomplete, or the cells are too small for what was seen.
+        BadInputError: The folder is incomplete, or the cells are too small for the ground seen.
     """
     to_survey = offset_of(flight, frame).survey_from_flight
     views = views_of(flight.folder)
     if np.isnan(views.unit):
         nothing = np.zeros((0, 0), np.float32)
-        return Looks(low=np.zeros(2, np.int64), limit_px=nothing, seen_px=nothing[0:0].ravel())
+        return FlightCoverage(
+            low=np.zeros(2, np.int64), limit_px=nothing, seen_px=nothing[0:0].ravel()
+        )
     threshold = threshold_nats(flight.folder, views)
     low, ground = ground_of(to_survey(views.background_in_world(GROUND_STEP_PX)), cell_m)
     if ground.size > MOST_CELLS:
@@ -154,17 +164,19 @@ def look(flight: Flight, frame: Georeference, cell_m: float, column: Column) -> 
     cells = np.zeros((len(feet), 8))
     cells[:, [X, Y, Z]] = to_survey.inverse()(feet)
     cells[:, [HEIGHT, RADIUS]] = column.height_m, column.radius_m
-    plumes = flight.answer.plumes
+    plumes = flight.plume_map.plumes
     columns = Columns(cells).followed_by(Columns.of([column_of(plume) for plume in plumes]))
     needed = np.append(np.full(len(cells), threshold), [plume.evidence_nats for plume in plumes])
     response = load_response(RunFiles(flight.folder).detections)
     found_px = column_limits_px(views, columns, needed, response)
     limit_px[rows, easts] = found_px[: len(cells)]
-    return Looks(low=low, limit_px=limit_px, seen_px=found_px[len(cells) :].astype(np.float32))
+    return FlightCoverage(
+        low=low, limit_px=limit_px, seen_px=found_px[len(cells) :].astype(np.float32)
+    )
 
 
 def column_of(plume: Plume) -> PlumeColumn:
-    """A column in the frame of its map that stands where a plume was found."""
+    """The column of a plume, in the frame of its map."""
     lean = plume.axis[:2] / max(float(plume.axis[2]), STEEPEST_UP)
     height = plume.extent_high * float(plume.axis[2])
     radius = float(np.median(plume.radius_by_height[:, 1]))
@@ -172,7 +184,7 @@ def column_of(plume: Plume) -> PlumeColumn:
 
 
 def views_of(folder: Path) -> Views:
-    """The evidence of a run, as its fusion saw it.
+    """The evidence of a run, as its fusion used it.
 
     Raises:
         BadInputError: Its detections are gone or broken.
@@ -187,7 +199,7 @@ def views_of(folder: Path) -> Views:
 
 
 def threshold_nats(folder: Path, views: Views) -> float:
-    """What the run took for a plume: as it wrote, or drawn again as it drew it."""
+    """The threshold of the run for a plume, nats: as stored, or drawn again with the same seed."""
     path = RunFiles(folder).evidence
     stated = read_npz(path).get("threshold_nats") if path.exists() else None
     if stated is not None:
@@ -231,9 +243,9 @@ def column_limits_px(
 ) -> FloatArray:
     """(N,) the smallest of `AMPLITUDES_PX` that gives a column its (N,) evidence, or inf."""
     limits = np.full(len(columns), np.inf)
-    looked_at = views.with_evidence(np.ones_like(views.llr))
-    coverage = score_columns(looked_at, columns)
-    left = np.flatnonzero((coverage > 0).sum(axis=0) >= FEWEST_VIEWS)
+    uniform = views.with_evidence(np.ones_like(views.llr))
+    covered = score_columns(uniform, columns)
+    left = np.flatnonzero((covered > 0).sum(axis=0) >= FEWEST_VIEWS)
     for amplitude in AMPLITUDES_PX:
         if not len(left):
             break

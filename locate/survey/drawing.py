@@ -11,18 +11,22 @@ import numpy as np
 from geometry.arrays import FloatArray
 from locate.export.located import ELLIPSE_SIGMAS
 from locate.export.pictures import heat_colours
-from locate.survey.cells import Cells
+from locate.survey.cells import CellGrid
 from locate.survey.findings import Hotspot
 from locate.survey.model import Survey
 
 FAINTEST = 0.12
+"""Opacity of a cell of probability 0."""
 LEAN_RISE_M = 10.0
+"""The line of a hotspot shows how far its column leans over this rise."""
 MARGIN = 0.06
+"""Around the drawing, in shares of its longer side."""
 EMPTY_M = 50.0
+"""The longer side at least, for the margin."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layer:
+class MapLayer:
     """One picture of the cells.
 
     Attributes:
@@ -36,29 +40,29 @@ class Layer:
     west_north_size: tuple[float, float, float, float]
 
 
-def layers_of(cells: Cells | None) -> list[Layer]:
-    """The probability over all flights, by season and hours, and how often somebody looked."""
+def layers_of(cells: CellGrid | None) -> list[MapLayer]:
+    """The probability over all flights, by season and hours, and how often a cell was observed."""
     if cells is None:
         return []
-    looked = cells.looked.sum(axis=0)
-    top = max(float(np.nanmax(cells.overall[0], initial=0.0)), 1e-6)
-    values = {f"all flights (highest: {top:.2f})": cells.overall[0] / top}
+    observed = cells.observed.sum(axis=0)
+    top = max(float(np.nanmax(cells.overall_probability[0], initial=0.0)), 1e-6)
+    values = {f"all flights (highest: {top:.2f})": cells.overall_probability[0] / top}
     if len(cells.bins) > 1:
         values |= {name: cells.in_bin(i) / top for i, name in enumerate(cells.bins)}
-    most = max(float(looked.max()), 1.0)
-    values[f"looks (most: {most:.0f})"] = np.where(looked > 0, looked / most, np.nan)
-    window, place = _looked_at(cells)
+    most = max(float(observed.max()), 1.0)
+    values[f"observations (most: {most:.0f})"] = np.where(observed > 0, observed / most, np.nan)
+    window, place = _observed_window(cells)
     return [
-        Layer(label=name, uri=_png(strength[window]), west_north_size=place)
+        MapLayer(label=name, uri=_png_uri(strength[window]), west_north_size=place)
         for name, strength in values.items()
     ]
 
 
-def _looked_at(
-    cells: Cells,
+def _observed_window(
+    cells: CellGrid,
 ) -> tuple[tuple[slice, slice], tuple[float, float, float, float]]:
-    """The window that holds every cell somebody looked at, and its place on the drawing."""
-    inside = np.argwhere(cells.looked.any(axis=0))
+    """The window that holds every observed cell, and its place on the drawing."""
+    inside = np.argwhere(cells.observed.any(axis=0))
     if not len(inside):
         inside = np.argwhere(np.ones(cells.shape))
     (bottom, left), (top, right) = inside.min(axis=0), inside.max(axis=0) + 1
@@ -68,7 +72,7 @@ def _looked_at(
     return (slice(bottom, top), slice(left, right)), place
 
 
-def _png(strength: FloatArray) -> str:
+def _png_uri(strength: FloatArray) -> str:
     """Hot where 1, faint where 0, transparent where NaN; rows run from south to north."""
     level = np.clip(np.nan_to_num(strength[::-1]), 0, 1).astype(np.float32)
     alpha = np.where(np.isnan(strength[::-1]), 0, FAINTEST + (0.95 - FAINTEST) * np.sqrt(level))
@@ -77,12 +81,12 @@ def _png(strength: FloatArray) -> str:
     return f"data:image/png;base64,{b64encode(content.tobytes()).decode()}"
 
 
-def drawing(survey: Survey, layers: Sequence[Layer]) -> str:
+def draw_map(survey: Survey, layers: Sequence[MapLayer]) -> str:
     """The whole map as an SVG element."""
-    paths = [_path(survey, np.array(flight.path_lon_lat)) for flight in survey.mapped]
-    x, y, width, height = _extent(survey, layers, paths)
+    paths = [_flight_path(survey, np.array(flight.path_lon_lat)) for flight in survey.mapped]
+    x, y, width, height = _map_extent(survey, layers, paths)
     letter = 0.022 * max(width, height)
-    parts = [*_pictures(layers), *_flights(survey, paths)]
+    parts = [*_layer_images(layers), *_flight_lines(survey, paths)]
     for one in survey.sightings:
         east, north, _ = one.corrected
         parts.append(
@@ -90,8 +94,8 @@ def drawing(survey: Survey, layers: Sequence[Layer]) -> str:
             f"<title>{escape(one.flight)}, plume {one.plume}</title></circle>"
         )
     for spot in survey.hotspots:
-        parts += _hotspot(spot, letter)
-    parts += _ruler(x, y, width, height, letter)
+        parts += _hotspot_marks(spot, letter)
+    parts += _scale_bar(x, y, width, height, letter)
     return (
         f'<svg id="map" viewBox="{x:.2f} {y:.2f} {width:.2f} {height:.2f}" role="img" '
         f'aria-label="Map of the survey; the numbers are in the tables below.">'
@@ -99,14 +103,14 @@ def drawing(survey: Survey, layers: Sequence[Layer]) -> str:
     )
 
 
-def _path(survey: Survey, lon_lat: FloatArray) -> FloatArray:
+def _flight_path(survey: Survey, lon_lat: FloatArray) -> FloatArray:
     """(N, 2) east and north of places on the Earth, at the origin's height."""
     heights = np.full(len(lon_lat), survey.frame.height_m)
     return survey.frame.enu(np.column_stack([lon_lat[:, ::-1], heights]))[:, :2]
 
 
-def _extent(
-    survey: Survey, layers: Sequence[Layer], paths: Sequence[FloatArray]
+def _map_extent(
+    survey: Survey, layers: Sequence[MapLayer], paths: Sequence[FloatArray]
 ) -> tuple[float, float, float, float]:
     corners = [*paths, np.reshape([spot.position[:2] for spot in survey.hotspots], (-1, 2))]
     for west, top, width, height in {layer.west_north_size for layer in layers}:
@@ -118,7 +122,7 @@ def _extent(
     return west, -north, east - west, north - south
 
 
-def _pictures(layers: Sequence[Layer]) -> Iterator[str]:
+def _layer_images(layers: Sequence[MapLayer]) -> Iterator[str]:
     for i, layer in enumerate(layers):
         x, y, width, height = layer.west_north_size
         shown = " shown" if i == 0 else ""
@@ -128,7 +132,7 @@ def _pictures(layers: Sequence[Layer]) -> Iterator[str]:
         )
 
 
-def _flights(survey: Survey, paths: Sequence[FloatArray]) -> Iterator[str]:
+def _flight_lines(survey: Survey, paths: Sequence[FloatArray]) -> Iterator[str]:
     for flight, path in zip(survey.mapped, paths, strict=True):
         points = " ".join(f"{east:.2f},{-north:.2f}" for east, north in path)
         yield (
@@ -137,7 +141,7 @@ def _flights(survey: Survey, paths: Sequence[FloatArray]) -> Iterator[str]:
         )
 
 
-def _hotspot(spot: Hotspot, letter: float) -> Iterator[str]:
+def _hotspot_marks(spot: Hotspot, letter: float) -> Iterator[str]:
     east, north, _ = spot.position
     variances, axes = np.linalg.eigh(np.array(spot.covariance)[:2, :2])
     minor, major = ELLIPSE_SIGMAS * np.sqrt(np.maximum(variances, 0.0))
@@ -158,7 +162,7 @@ def _hotspot(spot: Hotspot, letter: float) -> Iterator[str]:
     )
 
 
-def _ruler(x: float, y: float, width: float, height: float, letter: float) -> Iterator[str]:
+def _scale_bar(x: float, y: float, width: float, height: float, letter: float) -> Iterator[str]:
     """A bar of a round length, bottom left."""
     power = 10 ** np.floor(np.log10(width / 5))
     length = float(max(step for step in (1, 2, 5) if step * power <= width / 5) * power)

@@ -10,6 +10,7 @@ from geometry.errors import BadInputError
 
 LOCAL = "local"
 CONNECT_S = 20.0
+"""Longest wait for a scheduler to answer."""
 DEADLY = "its workers died, each time on the same task: too little memory?"
 log = logging.getLogger("locate")
 
@@ -19,21 +20,21 @@ Submit = Callable[..., Any]
 
 
 @runtime_checkable
-class Divided(Protocol):
-    """A job that can be done in parts, each of which leaves its work in files.
+class DividedJob(Protocol):
+    """A job that can be done in parts, each of which keeps its results in files.
 
-    Calling the job does what its parts have left to do, and returns the result.
+    Calling the job does what remains after its parts, and returns the result.
     """
 
-    def parts(self, item: Any) -> Sequence[Sequence[str]]:
+    def list_parts(self, item: Any) -> Sequence[Sequence[str]]:
         """Names of the parts: group after group, those of one group at the same time."""
         ...
 
-    def part(self, item: Any, name: str) -> str | None:
+    def do_part(self, item: Any, name: str) -> str | None:
         """Does one part; returns why it cannot be done, or None."""
         ...
 
-    def failed(self, item: Any, why: str) -> Any:
+    def failed_result(self, item: Any, why: str) -> Any:
         """The result of an item that cannot be done."""
         ...
 
@@ -43,7 +44,7 @@ def map_flights(
 ) -> Iterator[tuple[Item, Result]]:
     """Applies a job to every item and yields (item, result) as each is done, in any order.
 
-    A `Divided` job becomes one task for each part. A worker that dies costs the task it was at:
+    A `DividedJob` becomes one task for each part. A worker that dies costs the task it was at:
     another does it again. Where the scheduler dies, the same call goes on from the parts done.
 
     Args:
@@ -56,39 +57,43 @@ def map_flights(
     Raises:
         BadInputError: The scheduler cannot be reached, or was lost.
     """
-    workers = min(cores(), len(items)) if scheduler == LOCAL else 1
+    workers = min(count_cores(), len(items)) if scheduler == LOCAL else 1
     if scheduler is None or (scheduler == LOCAL and (workers < 2 or not _has_dask())):
         for item in items:
             yield item, job(item)
         return
-    with _client(scheduler, workers) as client:
-        yield from _gather(client, job, items)
+    with _open_client(scheduler, workers) as client:
+        yield from _gather_results(client, job, items)
 
 
-def cores() -> int:
+def count_cores() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _chain(submit: Submit, job: Callable[[Item], Result], item: Item) -> Any:
+def _submit_parts(submit: Submit, job: Callable[[Item], Result], item: Item) -> Any:
     """Submits the parts of a job, each after those it needs; returns the future of the end."""
     before: list[Any] = []
-    if isinstance(job, Divided):
-        for group in job.parts(item):
-            before = [submit(_part, job, item, name, before) for name in group]
-    return submit(_end, job, item, before)
+    if isinstance(job, DividedJob):
+        for group in job.list_parts(item):
+            before = [submit(_do_part, job, item, name, before) for name in group]
+    return submit(_finish_job, job, item, before)
 
 
-def _part(job: Divided, item: Any, name: str, before: Sequence[str | None]) -> str | None:
-    return _first(before) or job.part(item, name)
+def _do_part(job: DividedJob, item: Any, name: str, before: Sequence[str | None]) -> str | None:
+    return _first_reason(before) or job.do_part(item, name)
 
 
-def _end(job: Callable[[Any], Any], item: Any, before: Sequence[str | None]) -> Any:
-    why = _first(before)
-    return job(item) if why is None or not isinstance(job, Divided) else job.failed(item, why)
+def _finish_job(job: Callable[[Any], Any], item: Any, before: Sequence[str | None]) -> Any:
+    why = _first_reason(before)
+    return (
+        job(item)
+        if why is None or not isinstance(job, DividedJob)
+        else job.failed_result(item, why)
+    )
 
 
-def _first(reasons: Sequence[str | None]) -> str | None:
+def _first_reason(reasons: Sequence[str | None]) -> str | None:
     return next((why for why in reasons if why is not None), None)
 
 
@@ -102,7 +107,7 @@ def _has_dask() -> bool:
 
 
 @contextmanager
-def _client(scheduler: str, workers: int) -> Iterator[Any]:
+def _open_client(scheduler: str, workers: int) -> Iterator[Any]:
     """A client of a running scheduler, or of a cluster that lives as long as the block."""
     if not _has_dask():
         raise BadInputError(f"{scheduler}: needs Dask; pip install 'plume-locate[cluster]'")
@@ -125,7 +130,7 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:
         yield client
 
 
-def _gather(
+def _gather_results(
     client: Any, job: Callable[[Item], Result], items: Sequence[Item]
 ) -> Iterator[tuple[Item, Result]]:
     """The results as they come.
@@ -139,7 +144,7 @@ def _gather(
     def submit(function: Callable[..., Any], *given: Any) -> Any:
         return client.submit(function, *given, pure=False)
 
-    futures = {_chain(submit, job, item): item for item in items}
+    futures = {_submit_parts(submit, job, item): item for item in items}
     suspects = []
     try:
         for future in as_completed(list(futures)):  # type: ignore[no-untyped-call]
@@ -152,11 +157,11 @@ def _gather(
             yield item, result
         for item in suspects:
             try:
-                result = _chain(submit, job, item).result()
+                result = _submit_parts(submit, job, item).result()
             except KilledWorker as error:
-                if not isinstance(job, Divided):
+                if not isinstance(job, DividedJob):
                     raise BadInputError(f"{item}: {DEADLY}") from error
-                result = job.failed(item, DEADLY)
+                result = job.failed_result(item, DEADLY)
             yield item, result
     except (CancelledError, CommClosedError) as error:
         raise BadInputError(

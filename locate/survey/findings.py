@@ -9,20 +9,20 @@ Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix = tuple[Vector, Vector, Vector]
 
 
-class Block(BaseModel):
+class SurveyBlock(BaseModel):
     """A part of survey.json: as read it stays, and it holds nothing that is not known."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Count(Block):
+class OccurrenceCount(SurveyBlock):
     """How often something was seen in one season and part of the day.
 
     Attributes:
         bin: Label of the season and the hours; ``"all"`` for everything.
-        looked: Number of flights that would have seen it.
+        looked: Number of flights that would have detected it.
         seen: Number of those that did.
-        probability: That it is there, posterior mean.
+        probability: That it is present, posterior mean.
         low: 5 % quantile of that.
         high: 95 % quantile.
     """
@@ -35,14 +35,14 @@ class Count(Block):
     high: float = Field(ge=0, le=1)
 
 
-class Sighting(Block):
+class SightingRecord(SurveyBlock):
     """A plume of one flight, in the frame of the survey.
 
     Attributes:
         flight: Name of the flight.
         plume: Its number in that flight's map.
         hotspot: The hotspot it belongs to.
-        position: As the flight says.
+        position: As the flight states it.
         corrected: With the flight's estimated offset taken out.
         covariance: Of `corrected`.
         weight: From 0, an outlier, to 1: what it counts in its hotspot.
@@ -57,7 +57,7 @@ class Sighting(Block):
     weight: float = Field(ge=0, le=1)
 
 
-class Hotspot(Block):
+class Hotspot(SurveyBlock):
     """A place that sends up columns of air.
 
     Attributes:
@@ -68,8 +68,8 @@ class Hotspot(Block):
         axis: Unit vector of the mean rise.
         displacement_px: Mean of its sightings.
         probability: That at least one of its sightings is no false alarm.
-        looked_by: Names of the flights that looked at it, those that saw it included.
-        occurrence: How often it was there: all flights first, then by season and hours.
+        looked_by: Names of the flights that observed it, those that saw it included.
+        occurrence: How often it was present: all flights first, then by season and hours.
     """
 
     id: int
@@ -79,10 +79,10 @@ class Hotspot(Block):
     displacement_px: FiniteFloat
     probability: float = Field(ge=0, le=1)
     looked_by: tuple[str, ...]
-    occurrence: tuple[Count, ...]
+    occurrence: tuple[OccurrenceCount, ...]
 
 
-class Wind(Block):
+class Wind(SurveyBlock):
     """How far columns lean, from the axes of one flight's plumes.
 
     Attributes:
@@ -98,13 +98,13 @@ class Wind(Block):
     from_deg: FiniteFloat
 
 
-def vector(values: FloatArray) -> Vector:
+def plain_vector(values: FloatArray) -> Vector:
     """Three plain numbers."""
     x, y, z = np.asarray(values, dtype=float).tolist()
     return x, y, z
 
 
-def matrix(values: FloatArray) -> Matrix:
+def plain_matrix(values: FloatArray) -> Matrix:
     """Three by three plain numbers."""
     first, second, third = values
-    return vector(first), vector(second), vector(third)
+    return plain_vector(first), plain_vector(second), plain_vector(third)

@@ -1,4 +1,4 @@
-"""The one frame of a survey, and what each flight says in it."""
+"""The one frame of a survey, and the sightings of each flight in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ LEAST_OWN_M = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Offset:
+class FlightOffset:
     """How far one flight's frame may be off, shared by all that it saw.
 
     Attributes:
@@ -39,27 +39,27 @@ class Offset:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class PlumeSighting:
     """A plume of one flight in the frame of the survey.
 
     Attributes:
         flight: Index of the flight among those that are mapped.
         plume: As in its map, which is in the flight's frame.
         position: (3,) its source.
-        own: (3, 3) its covariance without the flight's offset, m squared.
-        by_offset: (3, 7) derivative of `position` by the flight's offset.
+        own_covariance: (3, 3) covariance without the flight's offset, m squared.
+        offset_jacobian: (3, 7) derivative of `position` by the flight's offset.
         axis: (3,) unit vector of the rise.
     """
 
     flight: int
     plume: Plume
     position: FloatArray
-    own: FloatArray
-    by_offset: FloatArray
+    own_covariance: FloatArray
+    offset_jacobian: FloatArray
     axis: FloatArray
 
 
-def offset_of(flight: Flight, frame: Georeference) -> Offset:
+def offset_of(flight: Flight, frame: Georeference) -> FlightOffset:
     """Where a flight's frame lies in the survey's, with its uncertainty.
 
     Heights that count from something else than the survey's are not comparable, and heights over
@@ -70,32 +70,34 @@ def offset_of(flight: Flight, frame: Georeference) -> Offset:
     survey_from_flight = Similarity(
         scale=1.0, rotation=(corners[1:] - corners[0]).T, translation=corners[0]
     )
-    covariance = Alignment.from_dict(flight.answer.georeference or {}).covariance.copy()
+    covariance = Alignment.from_dict(flight.plume_map.georeference or {}).covariance.copy()
     if own.datum != frame.datum or own.datum is HeightDatum.TAKEOFF:
         covariance[5, 5] += UNKNOWN_HEIGHT_M**2
-    return Offset(flight=flight.name, survey_from_flight=survey_from_flight, covariance=covariance)
+    return FlightOffset(
+        flight=flight.name, survey_from_flight=survey_from_flight, covariance=covariance
+    )
 
 
-def sightings_of(flights: Sequence[Flight], offsets: Sequence[Offset]) -> list[Seen]:
+def sightings_of(flights: Sequence[Flight], offsets: Sequence[FlightOffset]) -> list[PlumeSighting]:
     """Every plume of every flight; what the offset adds to its covariance is taken out again."""
     return [
-        _seen(index, plume, flight, offset)
+        _make_sighting(index, plume, flight, offset)
         for index, (flight, offset) in enumerate(zip(flights, offsets, strict=True))
-        for plume in flight.answer.plumes
+        for plume in flight.plume_map.plumes
     ]
 
 
-def _seen(index: int, plume: Plume, flight: Flight, offset: Offset) -> Seen:
-    alignment = Alignment.from_dict(flight.answer.georeference or {})
+def _make_sighting(index: int, plume: Plume, flight: Flight, offset: FlightOffset) -> PlumeSighting:
+    alignment = Alignment.from_dict(flight.plume_map.georeference or {})
     added = alignment.position_covariances(plume.source)[0]
     values, vectors = np.linalg.eigh(plume.source_covariance - added)
     own = (vectors * np.maximum(values, LEAST_OWN_M**2)) @ vectors.T
     position = offset.survey_from_flight(plume.source)
-    return Seen(
+    return PlumeSighting(
         flight=index,
         plume=plume,
         position=position,
-        own=offset.survey_from_flight.transform_covariance(own),
-        by_offset=offset.jacobian(position)[0],
+        own_covariance=offset.survey_from_flight.transform_covariance(own),
+        offset_jacobian=offset.jacobian(position)[0],
         axis=offset.survey_from_flight.rotation @ plume.axis,
     )

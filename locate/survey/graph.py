@@ -15,18 +15,23 @@ from gtsam.symbol_shorthand import D, H, T
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.covariance import standard_deviations
-from locate.survey.frame import Offset, Seen
+from locate.survey.frame import FlightOffset, PlumeSighting
 
 DRIFT_PRIOR_M = 10.0
-FITS = 7.81  # the 95 % quantile of chi-square with three degrees of freedom
+"""Standard deviation, before any flight, of the drift per unit of lean; chosen."""
+FITS = 7.81
+"""Squared residual from which a sighting loses weight: 95 % of chi-square, 3 degrees."""
 REWEIGHTS = 20
+"""Most iterations of the reweighting; chosen."""
 SETTLED = 1e-3
+"""Largest change of a weight at which the reweighting ends; chosen."""
 LEAST_OFFSET = 1e-9
+"""Added to the sigmas of a flight's offset, so that a singular covariance can be inverted."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Common:
-    """What sightings share: the offsets of the flights, and the drift.
+class SharedCorrections:
+    """Errors that sightings share: the offsets of the flights, and the drift.
 
     Attributes:
         offsets: (F, 7) tangents.
@@ -41,8 +46,8 @@ class Common:
     drift_sigma_m: float
 
     @classmethod
-    def prior(cls, offsets: Sequence[Offset]) -> Self:
-        """What is known before flights are held against each other."""
+    def prior(cls, offsets: Sequence[FlightOffset]) -> Self:
+        """What is known before flights are compared."""
         return cls(
             offsets=np.zeros((len(offsets), 7)),
             covariances=np.reshape([one.covariance for one in offsets], (-1, 7, 7)),
@@ -50,32 +55,36 @@ class Common:
             drift_sigma_m=DRIFT_PRIOR_M,
         )
 
-    def corrected(self, seen: Sequence[Seen], leans: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def correct_positions(
+        self, sightings: Sequence[PlumeSighting], leans: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """(N, 3) positions without offset and drift, (N, 3, 3) what the offset leaves unsure."""
-        positions, covariances = np.zeros((len(seen), 3)), np.zeros((len(seen), 3, 3))
-        for i, one in enumerate(seen):
-            shift = one.by_offset @ self.offsets[one.flight]
+        positions, covariances = np.zeros((len(sightings), 3)), np.zeros((len(sightings), 3, 3))
+        for i, one in enumerate(sightings):
+            shift = one.offset_jacobian @ self.offsets[one.flight]
             shift[:2] += self.drift_m * leans[one.flight]
             positions[i] = one.position - shift
-            covariances[i] = one.by_offset @ self.covariances[one.flight] @ one.by_offset.T
+            covariances[i] = (
+                one.offset_jacobian @ self.covariances[one.flight] @ one.offset_jacobian.T
+            )
         return positions, covariances
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solved:
+class GraphSolution:
     """The solution of the graph.
 
     Attributes:
         positions: (K, 3) of the hotspots.
         joint: (K, K, 3, 3) covariances between them.
         weights: (N,) of the sightings, 0 to 1.
-        common: Offsets and drift.
+        shared: Offsets and drift.
     """
 
     positions: FloatArray
     joint: FloatArray
     weights: FloatArray
-    common: Common
+    shared: SharedCorrections
 
     @property
     def covariances(self) -> FloatArray:
@@ -84,43 +93,50 @@ class Solved:
         return self.joint[each, each]
 
 
-def solve(
-    seen: Sequence[Seen],
+def solve_graph(
+    sightings: Sequence[PlumeSighting],
     hotspot_of: IntArray,
-    offsets: Sequence[Offset],
+    offsets: Sequence[FlightOffset],
     leans: FloatArray,
     wander_m: float,
-) -> Solved:
+) -> GraphSolution:
     """Solves for hotspots, offsets and drift.
 
     Args:
-        seen: N sightings.
+        sightings: N of them.
         hotspot_of: (N,) index of the hotspot of each, 0 to K - 1.
         offsets: Of the F flights.
         leans: (F, 2) of the columns of each flight, the survey's mean taken out.
-        wander_m: Standard deviation, each way, of where a hotspot's column stands.
+        wander_m: Standard deviation, each way, of the foot of a hotspot's column about it.
     """
-    prior = Common.prior(offsets)
-    whiten = [_whitening(one.own + np.diag([wander_m**2, wander_m**2, 0.0])) for one in seen]
-    weights = np.ones(len(seen))
+    prior = SharedCorrections.prior(offsets)
+    whiten = [
+        _whitening_matrix(one.own_covariance + np.diag([wander_m**2, wander_m**2, 0.0]))
+        for one in sightings
+    ]
+    weights = np.ones(len(sightings))
     for _ in range(REWEIGHTS):
-        graph = _graph(seen, hotspot_of, prior, leans, whiten, weights)
+        graph = _build_graph(sightings, hotspot_of, prior, leans, whiten, weights)
         solution = graph.optimize()
-        fits = np.minimum(1.0, (FITS / _squared(seen, hotspot_of, leans, whiten, solution)) ** 2)
+        fits = np.minimum(
+            1.0, (FITS / _squared_residuals(sightings, hotspot_of, leans, whiten, solution)) ** 2
+        )
         settled = np.abs(fits - weights).max(initial=0.0) < SETTLED
         weights = fits
         if settled:
             break
-    return _read(gtsam.Marginals(graph, solution), solution, weights, hotspot_of, len(offsets))
+    return _read_solution(
+        gtsam.Marginals(graph, solution), solution, weights, hotspot_of, len(offsets)
+    )
 
 
-def _read(
+def _read_solution(
     marginals: gtsam.Marginals,
     solution: gtsam.VectorValues,
     weights: FloatArray,
     hotspot_of: IntArray,
     flights: int,
-) -> Solved:
+) -> GraphSolution:
     """The solution with its covariances, all from one joint marginal."""
     hotspots = int(hotspot_of.max(initial=-1)) + 1
     keys = [D(0), *(H(k) for k in range(hotspots)), *(T(f) for f in range(flights))]
@@ -129,63 +145,65 @@ def _read(
     joint = full[places, places].reshape(hotspots, 3, hotspots, 3).swapaxes(1, 2)
     between = full[tangents, tangents].reshape(flights, 7, flights, 7)
     each = np.arange(flights)
-    common = Common(
+    shared = SharedCorrections(
         offsets=np.reshape([solution.at(T(f)) for f in range(flights)], (-1, 7)),
         covariances=between[each, :, each],
         drift_m=float(solution.at(D(0))[0]),
         drift_sigma_m=float(standard_deviations(full)[0]),
     )
     positions = np.reshape([solution.at(H(k)) for k in range(hotspots)], (-1, 3))
-    return Solved(positions=positions, joint=joint, weights=weights, common=common)
+    return GraphSolution(positions=positions, joint=joint, weights=weights, shared=shared)
 
 
-def _graph(
-    seen: Sequence[Seen],
+def _build_graph(
+    sightings: Sequence[PlumeSighting],
     hotspot_of: IntArray,
-    prior: Common,
+    prior: SharedCorrections,
     leans: FloatArray,
     whiten: Sequence[FloatArray],
     weights: FloatArray,
 ) -> gtsam.GaussianFactorGraph:
     graph = gtsam.GaussianFactorGraph()
     drift = np.array([[1 / prior.drift_sigma_m]])
-    graph.add(gtsam.JacobianFactor(D(0), drift, np.zeros(1), _unit(1)))
+    graph.add(gtsam.JacobianFactor(D(0), drift, np.zeros(1), _unit_noise(1)))
     for f, covariance in enumerate(prior.covariances):
-        root = _whitening(covariance + LEAST_OFFSET**2 * np.eye(7))
-        graph.add(gtsam.JacobianFactor(T(f), root, np.zeros(7), _unit(7)))
-    for one, k, root, weight in zip(seen, hotspot_of, whiten, weights, strict=True):
+        root = _whitening_matrix(covariance + LEAST_OFFSET**2 * np.eye(7))
+        graph.add(gtsam.JacobianFactor(T(f), root, np.zeros(7), _unit_noise(7)))
+    for one, k, root, weight in zip(sightings, hotspot_of, whiten, weights, strict=True):
         scaled = np.sqrt(weight) * root
         graph.add(
             gtsam.JacobianFactor(
                 H(int(k)), scaled,
-                T(one.flight), scaled @ one.by_offset,
+                T(one.flight), scaled @ one.offset_jacobian,
                 D(0), scaled @ np.array([[*leans[one.flight], 0.0]]).T,
                 scaled @ one.position,
-                _unit(3),
+                _unit_noise(3),
             )
         )  # fmt: skip
     return graph
 
 
-def _squared(
-    seen: Sequence[Seen],
+def _squared_residuals(
+    sightings: Sequence[PlumeSighting],
     hotspot_of: IntArray,
     leans: FloatArray,
     whiten: Sequence[FloatArray],
     solution: gtsam.VectorValues,
 ) -> FloatArray:
     """(N,) squared residuals in units of their noise, never quite zero."""
-    squared = np.empty(len(seen))
-    for i, (one, k) in enumerate(zip(seen, hotspot_of, strict=True)):
-        left = one.position - solution.at(H(int(k))) - one.by_offset @ solution.at(T(one.flight))
+    squared = np.empty(len(sightings))
+    for i, (one, k) in enumerate(zip(sightings, hotspot_of, strict=True)):
+        left = (
+            one.position - solution.at(H(int(k))) - one.offset_jacobian @ solution.at(T(one.flight))
+        )
         left[:2] -= solution.at(D(0))[0] * leans[one.flight]
         squared[i] = max(float(((whiten[i] @ left) ** 2).sum()), 1e-9)
     return squared
 
 
-def _whitening(covariance: FloatArray) -> FloatArray:
+def _whitening_matrix(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
-def _unit(size: int) -> gtsam.noiseModel.Unit:
+def _unit_noise(size: int) -> gtsam.noiseModel.Unit:
     return gtsam.noiseModel.Unit.Create(size)

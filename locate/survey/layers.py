@@ -19,15 +19,15 @@ from locate.export.geopackage import (
     point_blob,
     polygon_blob,
 )
-from locate.survey.cells import Cells
+from locate.survey.cells import CellGrid
 from locate.survey.model import Survey
 from locate.survey.places import located_hotspots
 
 RING = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
 
 
-def write_layers(path: Path, survey: Survey, cells: Cells | None) -> None:
-    """Writes the GeoPackage; the layer ``cells`` holds those that were looked at."""
+def write_layers(path: Path, survey: Survey, cells: CellGrid | None) -> None:
+    """Writes the GeoPackage; the layer ``cells`` holds those that were observed."""
     with new_geopackage(path) as file:
         srs = add_reference_systems(file, survey.frame.datum)
         _add_points(
@@ -77,18 +77,18 @@ def _sighting_fields(survey: Survey) -> list[dict[str, Any]]:
     return rows
 
 
-def _add_cells(file: Connection, survey: Survey, cells: Cells | None) -> None:
+def _add_cells(file: Connection, survey: Survey, cells: CellGrid | None) -> None:
     rows: list[dict[str, Any]] = []
     rings = np.zeros((0, len(RING), 2))
     if cells is not None:
-        looked, seen = cells.looked.sum(axis=0), cells.seen.sum(axis=0)
-        where = np.argwhere(looked > 0)
-        mean, low, high = cells.overall
+        observed, seen = cells.observed.sum(axis=0), cells.seen.sum(axis=0)
+        where = np.argwhere(observed > 0)
+        mean, low, high = cells.overall_probability
         limit_px = np.where(np.isfinite(cells.limit_px), cells.limit_px, np.nan)
         by_bin = {column_name(name): cells.in_bin(i) for i, name in enumerate(cells.bins)}
         rows = [
             {
-                "looked": float(looked[r, c]),
+                "looked": float(observed[r, c]),
                 "seen": float(seen[r, c]),
                 "probability": float(mean[r, c]),
                 "low": float(low[r, c]),
@@ -117,7 +117,7 @@ def _add_flights(file: Connection, survey: Survey) -> None:
             "name": flight.name,
             "hour": np.nan if flight.moment is None else flight.moment.hour,
             "day_of_year": np.nan if flight.moment is None else float(flight.moment.day_of_year),
-            "plumes": len(flight.answer.plumes),
+            "plumes": len(flight.plume_map.plumes),
         }
         for flight in survey.mapped
     ]

@@ -1,4 +1,4 @@
-"""What a survey keeps and answers: survey.json, schema ``locate.survey/1``."""
+"""What a survey keeps: survey.json, schema ``locate.survey/1``."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ from geometry.removal import is_plain_name
 from locate import __version__
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import DetectorName, RunConfig
-from locate.survey.findings import Block, Hotspot, Sighting, Wind
+from locate.survey.findings import Hotspot, SightingRecord, SurveyBlock, Wind
 
 SCHEMA = "locate.survey/1"
 
@@ -24,8 +24,8 @@ def _checked_flight_name(name: str) -> str:
     return name
 
 
-class Settings(Block):
-    """What a survey was told; the first five go to every run.
+class SurveySettings(SurveyBlock):
+    """The settings of a survey; the first five go to every run.
 
     Attributes:
         detector: As of `RunConfig`.
@@ -34,9 +34,9 @@ class Settings(Block):
         focal_px: Likewise.
         max_frames: Likewise.
         cell_m: Edge of a cell of the ground.
-        displacement_px: A flight has looked at a cell where it would have found a column that
-            displaces the background evenly by this much; None for the median sighting, as the
-            even displacement that would have given as much evidence.
+        displacement_px: A flight has observed a cell where it would have detected a column that
+            displaces the background uniformly by this much; None for the median sighting, as
+            the uniform displacement that would have given as much evidence.
         radius_m: Of that column; None for the median of the first sightings the survey had.
         height_m: Likewise.
         wander_m: Standard deviation, each way, of where one hotspot sends up its column from one
@@ -60,7 +60,7 @@ class Settings(Block):
         return RunConfig(recording=recording, **shared)
 
 
-class Moment(Block):
+class FlightMoment(SurveyBlock):
     """When a flight was.
 
     Attributes:
@@ -77,17 +77,17 @@ class Moment(Block):
     basis: Literal["UTC", "recorder"]
 
 
-class Flight(Block):
+class Flight(SurveyBlock):
     """One flight of a survey.
 
     Attributes:
         name: Unique within the survey.
-        source: The recording or the run folder it was given as.
+        source: The recording or run folder.
         folder: Its run folder.
-        digest: Of what it was made from; another one means that it must be run again.
+        digest: Of its inputs; another one means that it must be run again.
         failure: Why it has no place on the map; None where it has.
         map: The content of its map.json.
-        moment: When it was; None where nothing says so.
+        moment: When it was; None where that is not known.
         path_lon_lat: Some of the places the camera was at, WGS84.
     """
 
@@ -97,11 +97,11 @@ class Flight(Block):
     digest: str
     failure: str | None = None
     map: dict[str, Any] | None = None
-    moment: Moment | None = None
+    moment: FlightMoment | None = None
     path_lon_lat: tuple[tuple[FiniteFloat, FiniteFloat], ...] = ()
 
     @property
-    def answer(self) -> PlumeMap:
+    def plume_map(self) -> PlumeMap:
         """Its map.
 
         Raises:
@@ -112,16 +112,16 @@ class Flight(Block):
     @property
     def georeference(self) -> Georeference:
         """Where the frame of its map sits."""
-        return Georeference.from_dict(self.answer.georeference or {})
+        return Georeference.from_dict(self.plume_map.georeference or {})
 
 
-class Column(Block):
-    """What a look must have been able to find.
+class ReferenceColumn(SurveyBlock):
+    """The weakest column that a flight must have been able to detect where it observed.
 
     Attributes:
         radius_m: Of the column.
-        height_m: Of the column, which stands on the ground.
-        displacement_px: Even displacement it causes.
+        height_m: Of the column, from the ground.
+        displacement_px: Uniform displacement that it causes.
     """
 
     radius_m: float = Field(default=1.0, gt=0)
@@ -129,32 +129,32 @@ class Column(Block):
     displacement_px: float = Field(default=1.0, gt=0)
 
 
-class Survey(Block):
+class Survey(SurveyBlock):
     """Many flights, one map.
 
     Attributes:
         version: Of this program.
         settings: As used.
         origin: Of the survey's east-north-up frame: the keys of a georeference block.
-        column: What a look must have been able to find; the default before anything was seen.
+        column: The reference column; the default before anything was seen.
         flights: In the order they came.
         hotspots: What rises where.
         sightings: Of them.
         winds: By flight.
         drift_m: Metres the foot of a column moves downwind per unit of lean, all hotspots.
         drift_sigma_m: Standard deviation of that.
-        prior: Mean and weight (in looks) of the Beta prior of a cell's probability.
+        prior: Mean and weight (in observations) of the Beta prior of a cell's probability.
         bins: Labels of season and hours that hold flights, in the order of the raster's bands.
         notes: What a reader must know.
     """
 
     version: str = __version__
-    settings: Settings = Settings()
+    settings: SurveySettings = SurveySettings()
     origin: dict[str, Any] | None = None
-    column: Column = Column()
+    column: ReferenceColumn = ReferenceColumn()
     flights: tuple[Flight, ...] = ()
     hotspots: tuple[Hotspot, ...] = ()
-    sightings: tuple[Sighting, ...] = ()
+    sightings: tuple[SightingRecord, ...] = ()
     winds: tuple[Wind, ...] = ()
     drift_m: FiniteFloat = 0.0
     drift_sigma_m: FiniteFloat = 0.0

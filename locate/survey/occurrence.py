@@ -1,4 +1,4 @@
-"""How often a column is there, from how often it was looked for and seen."""
+"""How often a column is present, from how often its place was observed and it was seen."""
 
 from collections.abc import Sequence
 
@@ -7,68 +7,73 @@ from scipy.special import betaln, logsumexp
 from scipy.stats import beta
 
 from geometry.arrays import FloatArray
-from locate.survey.findings import Count
+from locate.survey.findings import OccurrenceCount
 
 ALL = "all"
 PRIOR_LOOKS = 1.0
+"""Weight of a cell's prior, in observations; chosen."""
 INTERVAL = (0.05, 0.95)
+"""Quantiles that are stated."""
 STEPS = 2000
+"""Of the numeric integral over a probability."""
 
 
-def pooled_prior(looked: FloatArray, seen: FloatArray) -> tuple[float, float]:
-    """Mean and weight (in looks) of the Beta prior of one cell: the survey's own share of looks.
+def pooled_prior(observed: FloatArray, seen: FloatArray) -> tuple[float, float]:
+    """Mean and weight (in observations) of the Beta prior of one cell: the survey's own share.
 
-    An empirical prior: most of the ground sends up nothing, and how much does, the survey itself
-    says. Half a sighting in one look is added so that it is neither 0 nor 1.
+    An empirical prior: most of the ground sends up nothing; the share that does is that of the
+    survey. Half a sighting in one observation is added so that it is neither 0 nor 1.
     """
-    return float((seen.sum() + 0.5) / (looked.sum() + 1.0)), PRIOR_LOOKS
+    return float((seen.sum() + 0.5) / (observed.sum() + 1.0)), PRIOR_LOOKS
 
 
 Prior = tuple[float | FloatArray, float]
 
 
-def posterior(
-    looked: FloatArray, seen: FloatArray, prior: Prior
+def beta_posterior(
+    observed: FloatArray, seen: FloatArray, prior: Prior
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean, 5 % and 95 % quantile of Beta posteriors; NaN where nobody looked.
+    """Mean, 5 % and 95 % quantile of Beta posteriors; NaN where nothing was observed.
 
     Args:
-        looked: How often each was looked at.
-        seen: How often it was seen, at most `looked`.
-        prior: Mean and weight in looks.
+        observed: How often each was observed.
+        seen: How often it was seen, at most `observed`.
+        prior: Mean and weight in observations.
     """
-    a, b = _parameters(looked, seen, prior)
-    low, high = (np.where(looked > 0, beta.ppf(q, a, b), np.nan) for q in INTERVAL)
-    return posterior_mean(looked, seen, prior), low, high
+    a, b = _beta_parameters(observed, seen, prior)
+    low, high = (np.where(observed > 0, beta.ppf(q, a, b), np.nan) for q in INTERVAL)
+    return posterior_mean(observed, seen, prior), low, high
 
 
-def posterior_mean(looked: FloatArray, seen: FloatArray, prior: Prior) -> FloatArray:
-    """The first of `posterior`."""
-    a, b = _parameters(looked, seen, prior)
-    return np.where(looked > 0, a / (a + b), np.nan)
+def posterior_mean(observed: FloatArray, seen: FloatArray, prior: Prior) -> FloatArray:
+    """The first of `beta_posterior`."""
+    a, b = _beta_parameters(observed, seen, prior)
+    return np.where(observed > 0, a / (a + b), np.nan)
 
 
-def _parameters(
-    looked: FloatArray, seen: FloatArray, prior: Prior
+def _beta_parameters(
+    observed: FloatArray, seen: FloatArray, prior: Prior
 ) -> tuple[FloatArray, FloatArray]:
     mean, weight = prior
-    return mean * weight + seen, (1 - np.asarray(mean)) * weight + looked - seen
+    return mean * weight + seen, (1 - np.asarray(mean)) * weight + observed - seen
 
 
-def hotspot_counts(looked: Sequence[str], seen: Sequence[str]) -> tuple[Count, ...]:
-    """How often a hotspot was there: in all, then in each bin that holds a look.
+def hotspot_counts(observed: Sequence[str], seen: Sequence[str]) -> tuple[OccurrenceCount, ...]:
+    """How often a hotspot was there: in all, then in each bin that holds an observation.
 
     Args:
-        looked: The bin of every flight that looked at it, those that saw it included.
+        observed: The bin of every flight that observed it, those that saw it included.
         seen: The bin of every flight that saw it.
     """
-    groups = [ALL, *dict.fromkeys(looked)]
+    groups = [ALL, *dict.fromkeys(observed)]
     counts = []
     for name in groups:
-        n = len(looked) if name == ALL else looked.count(name)
+        n = len(observed) if name == ALL else observed.count(name)
         k = len(seen) if name == ALL else seen.count(name)
         mean, low, high = hotspot_posterior(n, k, known_by_sight=name == ALL)
-        counts.append(Count(bin=name, looked=n, seen=k, probability=mean, low=low, high=high))
+        counts.append(
+            OccurrenceCount(bin=name, looked=n, seen=k, probability=mean, low=low, high=high)
+        )
     return tuple(counts)
 
 
@@ -79,9 +84,9 @@ def hotspot_posterior(n: int, k: int, *, known_by_sight: bool) -> tuple[float, f
     zero, ``p^k (1 - p)^(n - k) / (1 - (1 - p)^n)``; the prior is flat.
 
     Args:
-        n: Number of looks.
+        n: Number of observations.
         k: Number of times it was seen.
-        known_by_sight: These looks are all there were, so that k = 0 cannot be.
+        known_by_sight: These observations are all there were, so that k = 0 cannot be.
     """
     p = (np.arange(STEPS) + 0.5) / STEPS
     log_likelihood = k * np.log(p) + (n - k) * np.log1p(-p) - betaln(k + 1, n - k + 1)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from locate.export.html import definition_rows, html_table, list_items, read_resource, write_page
 from locate.export.table import probability_text
-from locate.survey.cells import Cells
-from locate.survey.drawing import drawing, layers_of
+from locate.survey.cells import CellGrid
+from locate.survey.drawing import draw_map, layers_of
 from locate.survey.findings import Hotspot
 from locate.survey.model import Flight, Survey
 from locate.survey.places import LocatedHotspot, located_hotspots
@@ -15,17 +15,17 @@ from locate.survey.places import LocatedHotspot, located_hotspots
 FLIGHT_HEADS = ("Flight", "When", "Plumes", "Lean", "")
 SPOT_HEADS = (
     "Hotspot", "Latitude, longitude (WGS84)", "Height", "1 sigma east, north",
-    "Seen of looked", "There with probability", "By season and hours", "No false alarm",
+    "Seen of observed", "Present with probability", "By season and hours", "No false alarm",
 )  # fmt: skip
 
 
-def write_map_page(path: Path, survey: Survey, cells: Cells | None) -> None:
+def write_map_page(path: Path, survey: Survey, cells: CellGrid | None) -> None:
     """Writes map.html."""
     layers = layers_of(cells)
     spots = [_spot_row(place) for place in located_hotspots(survey)]
     fragments = {
         "choices": _choices([layer.label for layer in layers]),
-        "map": drawing(survey, layers),
+        "map": draw_map(survey, layers),
         "hotspots": html_table(SPOT_HEADS, spots) if spots else "<p>None.</p>",
         "flights": html_table(
             FLIGHT_HEADS, [_flight_row(survey, flight) for flight in survey.flights]
@@ -51,28 +51,31 @@ def _headline(survey: Survey) -> str:
     return f"{spots} from {flights} flight{'s' if flights != 1 else ''}"
 
 
-def _lead(survey: Survey, cells: Cells | None) -> str:
+def _lead(survey: Survey, cells: CellGrid | None) -> str:
     if not survey.hotspots:
-        if cells is not None and cells.looked.any():
-            return "Nothing was seen; the map says where somebody looked."
+        if cells is not None and cells.observed.any():
+            return "Nothing was seen; the map shows the ground that was observed."
         size = f"{survey.column.displacement_px:.2g} px"
         return f"Nothing was seen, and nowhere would a column of {size} have been found."
     total = survey.hotspots[0].occurrence[0]
     return (
         f"The one seen most often was seen by {total.seen:.0f} of the {total.looked:.0f} flights "
-        f"that looked: it is there with probability {total.probability:.2f} "
+        f"that observed it: it is present with probability {total.probability:.2f} "
         f"({total.low:.2f} to {total.high:.2f})."
     )
 
 
-def _facts(survey: Survey, cells: Cells | None) -> Iterable[tuple[str, str]]:
+def _facts(survey: Survey, cells: CellGrid | None) -> Iterable[tuple[str, str]]:
     frame = survey.frame
     yield "Origin", f"{frame.lat_deg:.6f}, {frame.lon_deg:.6f}, {frame.name}"
     yield "Sightings", str(len(survey.sightings))
     if cells is not None:
-        hectares = float((cells.looked.sum(axis=0) > 0).sum()) * cells.cell_m**2 / 1e4
-        yield "Looked at", f"{hectares:.2g} ha in cells of {cells.cell_m:g} m"
-        yield "A look finds", f"columns of {survey.column.displacement_px:.2g} px and more"
+        hectares = float((cells.observed.sum(axis=0) > 0).sum()) * cells.cell_m**2 / 1e4
+        yield "Observed", f"{hectares:.2g} ha in cells of {cells.cell_m:g} m"
+        yield (
+            "Observed means able to detect",
+            f"columns of {survey.column.displacement_px:.2g} px and more",
+        )
 
 
 def _choices(labels: Sequence[str]) -> str:
@@ -117,26 +120,26 @@ def _flight_row(survey: Survey, flight: Flight) -> list[str]:
     if wind is not None:
         size = float((wind.lean[0] ** 2 + wind.lean[1] ** 2) ** 0.5)
         lean = f"{size:.2f} +- {wind.sigma:.2f} m per m, wind from {wind.from_deg:.0f} deg"
-    return [flight.name, when, str(len(flight.answer.plumes)), lean, ""]
+    return [flight.name, when, str(len(flight.plume_map.plumes)), lean, ""]
 
 
 def _limits(survey: Survey) -> Iterable[str]:
     mean, weight = survey.prior
     column = survey.column
     yield (
-        f"A flight has looked at a cell where its evidence would have carried a column of "
+        f"A flight observed a cell where its evidence would have carried a column of "
         f"{column.displacement_px:.2g} px, {column.radius_m:.2g} m in radius and "
         f"{column.height_m:.2g} m high, over its threshold; near that limit half are missed, and "
         "weaker ones nearly always."
     )
     yield (
         f"The probability of a cell is the mean of a Beta posterior; its prior is worth "
-        f"{weight:g} look with mean {mean:.3g}, the survey's own share of looks that saw."
+        f"{weight:g} observation with mean {mean:.3g}, the survey's own share of those that saw."
     )
     yield "That of a hotspot allows for its being known only because it was seen."
     yield (
-        f"Columns of one hotspot were taken to stand {survey.settings.wander_m:g} m (1 sigma) "
-        f"about it, and {survey.drift_m:.1f} +- {survey.drift_sigma_m:.1f} m further downwind per "
+        f"Columns of one hotspot were assumed to be {survey.settings.wander_m:g} m (1 sigma) "
+        f"from it, and {survey.drift_m:.1f} +- {survey.drift_sigma_m:.1f} m further downwind per "
         "unit of lean."
     )
     yield from survey.notes

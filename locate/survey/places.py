@@ -29,9 +29,10 @@ class LocatedHotspot(LocatedPlume):
         total = self.hotspot.occurrence[0]
         east, north, _ = standard_deviations(self.plume.source_covariance)
         return (
-            f"Seen by {total.seen:.0f} of {total.looked:.0f} flights that looked; there with "
-            f"probability {total.probability:.2f} ({total.low:.2f} to {total.high:.2f}); 1 sigma "
-            f"{east:.2g} m east, {north:.2g} m north; {self.height_m:.1f} m above {self.datum}"
+            f"Seen by {total.seen:.0f} of {total.looked:.0f} flights that covered it; present with "
+            f"probability {total.probability:.2f} ({total.low:.2f} to {total.high:.2f}); "
+            f"1 sigma {east:.2g} m east, {north:.2g} m north; "
+            f"{self.height_m:.1f} m above {self.datum}"
         )
 
     def properties(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from geometry.atomic import atomic_path
 from geometry.errors import LocateError
 from locate.export.geojson import collection_of
 from locate.export.waypoints import write_cup_places, write_gpx_places
-from locate.survey.cells import Cells
+from locate.survey.cells import CellGrid
 from locate.survey.layers import write_layers
 from locate.survey.model import Survey
 from locate.survey.page import write_map_page
@@ -19,10 +19,10 @@ RASTER = "updraft.tif"
 log = logging.getLogger("locate")
 
 
-def publish(output: Path, survey: Survey, cells: Cells | None) -> None:
+def publish_survey(output: Path, survey: Survey, cells: CellGrid | None) -> None:
     """Writes map.html, survey.gpkg, updraft.tif and the hotspots as GeoJSON, CUP and GPX.
 
-    Without the extra ``survey`` there is no raster, and the log says so.
+    Without the extra ``survey`` there is no raster; the log notes it.
     """
     places = located_hotspots(survey)
     with atomic_path(output / "hotspots.geojson") as path:
@@ -35,12 +35,12 @@ def publish(output: Path, survey: Survey, cells: Cells | None) -> None:
         write_layers(path, survey, cells)
     (output / RASTER).unlink(missing_ok=True)
     if cells is not None:
-        _raster(output / RASTER, survey, cells)
+        _write_raster(output / RASTER, survey, cells)
     with atomic_path(output / "map.html") as path:
         write_map_page(path, survey, cells)
 
 
-def _raster(path: Path, survey: Survey, cells: Cells) -> None:
+def _write_raster(path: Path, survey: Survey, cells: CellGrid) -> None:
     try:
         with atomic_path(path) as unfinished:
             write_raster(unfinished, survey, cells)

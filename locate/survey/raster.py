@@ -9,14 +9,14 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.errors import LocateError
 from geometry.georeference import Georeference
-from locate.survey.cells import Cells
+from locate.survey.cells import CellGrid
 from locate.survey.model import Survey
 
 EARTH_RADIUS_M = 6_371_000.0
 
 
-def write_raster(path: Path, survey: Survey, cells: Cells) -> None:
-    """Writes float32 bands, north up, NaN where nobody looked; each band has a description.
+def write_raster(path: Path, survey: Survey, cells: CellGrid) -> None:
+    """Writes float32 bands, north up, NaN where nothing was observed; each band has a description.
 
     The projection is a transverse Mercator about the survey's origin, true to scale at the
     origin's height: within a few kilometres its metres are those of the survey's frame.
@@ -24,8 +24,8 @@ def write_raster(path: Path, survey: Survey, cells: Cells) -> None:
     Raises:
         LocateError: The extra ``survey`` is not installed.
     """
-    rasterio = _rasterio()
-    bands = _bands(survey, cells)
+    rasterio = _import_rasterio()
+    bands = _raster_bands(survey, cells)
     rows, columns = cells.shape
     cell_m = cells.cell_m
     west, south = (cells.low * cell_m).tolist()
@@ -38,7 +38,7 @@ def write_raster(path: Path, survey: Survey, cells: Cells) -> None:
         count=len(bands),
         dtype="float32",
         nodata=np.nan,
-        crs=projection(survey.frame),
+        crs=raster_projection(survey.frame),
         transform=rasterio.Affine(cell_m, 0.0, west, 0.0, -cell_m, south + rows * cell_m),
         compress="deflate",
     ) as file:
@@ -47,7 +47,7 @@ def write_raster(path: Path, survey: Survey, cells: Cells) -> None:
             file.set_band_description(number, name)
 
 
-def projection(frame: Georeference) -> str:
+def raster_projection(frame: Georeference) -> str:
     """The raster's reference system, as PROJ writes it."""
     scale = 1 + frame.height_m / EARTH_RADIUS_M
     return (
@@ -56,7 +56,7 @@ def projection(frame: Georeference) -> str:
     )
 
 
-def _rasterio() -> Any:
+def _import_rasterio() -> Any:
     try:
         return importlib.import_module("rasterio")
     except ImportError as error:
@@ -65,16 +65,16 @@ def _rasterio() -> Any:
         ) from error
 
 
-def _bands(survey: Survey, cells: Cells) -> dict[str, FloatArray]:
-    looked = cells.looked.sum(axis=0)
-    mean, low, high = cells.overall
+def _raster_bands(survey: Survey, cells: CellGrid) -> dict[str, FloatArray]:
+    observed = cells.observed.sum(axis=0)
+    mean, low, high = cells.overall_probability
     limit_px = np.where(np.isfinite(cells.limit_px), cells.limit_px, np.nan)
     bands = {
         "updraft probability": mean,
         "5 % quantile": low,
         "95 % quantile": high,
-        "flights that looked": np.where(looked > 0, looked, np.nan),
-        "flights that saw": np.where(looked > 0, cells.seen.sum(axis=0), np.nan),
+        "flights that looked": np.where(observed > 0, observed, np.nan),
+        "flights that saw": np.where(observed > 0, cells.seen.sum(axis=0), np.nan),
         "detection limit, px": limit_px,
     }
     by_bin = {name: cells.in_bin(index) for index, name in enumerate(survey.bins)}

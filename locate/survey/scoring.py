@@ -1,4 +1,4 @@
-"""A survey held against the truth of a simulated campaign."""
+"""A survey compared with the truth of a simulated campaign."""
 
 import json
 from collections.abc import Iterator
@@ -18,17 +18,18 @@ from locate.survey.frame import offset_of
 from locate.survey.model import Survey
 
 GATE_M = 5.0
+"""Farthest that a hotspot may be from its site, in the horizontal; chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignTruth:
-    """What a campaign says of S sites and F flights, in the frame of a survey.
+    """The truth of S sites and F flights of a campaign, in the frame of a survey.
 
     Attributes:
         names: Of the F flights.
         sites: (S, 3) feet of the columns in the mean wind of the flights, m.
-        standing: (F, S) whether a column stood.
-        feet: (F, S, 3) where; NaN where none stood.
+        standing: (F, S) whether a column was present.
+        feet: (F, S, 3) where; NaN where none was.
         chance: (F, S) how likely it was.
     """
 
@@ -50,12 +51,14 @@ class CampaignTruth:
             content = json.loads(path.read_text())
             if content["schema"] != SCHEMA:
                 raise ValueError(f"schema {content['schema']!r}, expected {SCHEMA!r}")
-            return cls._read(content, Campaign.load(folder / "campaign.yaml"), frame)
+            return cls._from_content(content, Campaign.load(folder / "campaign.yaml"), frame)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise BadInputError(f"{path}: not the truth of a campaign ({error})") from error
 
     @classmethod
-    def _read(cls, content: dict[str, Any], campaign: Campaign, frame: Georeference) -> Self:
+    def _from_content(
+        cls, content: dict[str, Any], campaign: Campaign, frame: Georeference
+    ) -> Self:
         own = Georeference.from_dict(content["origin"])
         flights = content["flights"]
         wind = np.append(np.mean([flight["wind_mps"] for flight in flights], axis=0), 0.0)
@@ -63,15 +66,15 @@ class CampaignTruth:
         columns = [flight["columns"] for flight in flights]
         feet = [[column["source"] or [np.nan] * 3 for column in row] for row in columns]
 
-        def moved(points: Any) -> FloatArray:
+        def to_survey_frame(points: Any) -> FloatArray:
             flat = frame.enu(own.lat_lon_height(np.reshape(points, (-1, 3))))
             return flat.reshape(np.shape(points))
 
         return cls(
             names=tuple(flight["name"] for flight in flights),
-            sites=moved(np.reshape(sites, (-1, 3))),
+            sites=to_survey_frame(np.reshape(sites, (-1, 3))),
             standing=np.array([[column["on"] for column in row] for row in columns], dtype=bool),
-            feet=moved(np.array(feet, dtype=float)),
+            feet=to_survey_frame(np.array(feet, dtype=float)),
             chance=np.array([[column["probability"] for column in row] for row in columns]),
         )
 
@@ -81,20 +84,20 @@ class SurveyScore:
     """How good a survey is.
 
     Attributes:
-        sites: Sites at which a column stood at least once in a flight that is on the map.
+        sites: Sites at which a column was present at least once in a flight that is on the map.
         found: How many of them a hotspot is paired with, within `GATE_M`.
         false: Hotspots without a site.
         errors_m: Horizontal error of each hotspot that was found.
         nees: Of each in the horizontal; 2 is expected.
         single_errors_m: Horizontal error of each sighting to the foot it saw, the flight alone.
-        single_nees: Of each in the horizontal, by what its flight says; 2 is expected.
+        single_nees: Of each in the horizontal, by its flight's own covariance; 2 is expected.
         single_found: Share of `sites` that one flight finds, the mean of all.
         false_sightings: Sightings of no column.
-        standing: Pairs of flight and standing column.
-        looks: Those of them that the survey takes for looks at a hotspot that was found.
+        standing: Pairs of flight and column present.
+        looks: Those of them in which, by the survey, the flight observed a found hotspot.
         seen: Those of `looks` that were seen.
         chance: True mean probability of each site that was found.
-        said: What the survey says of it.
+        said: The survey's estimate of it.
         inside: How many of its 90 % intervals hold the truth.
     """
 
@@ -116,7 +119,7 @@ class SurveyScore:
 
 
 def score_survey(survey: Survey, folder: Path) -> SurveyScore:
-    """Holds a survey against the campaign whose videos it was made from.
+    """Compares a survey with the campaign whose videos it was made from.
 
     Args:
         survey: Its flights bear the names of the campaign's.
@@ -131,26 +134,26 @@ def score_survey(survey: Survey, folder: Path) -> SurveyScore:
     if not rows:
         raise BadInputError(f"{folder}: holds none of the flights of the survey")
     used = list(rows.values())
-    stood = np.flatnonzero(truth.standing[used].any(axis=0))
+    occupied = np.flatnonzero(truth.standing[used].any(axis=0))
     spots = np.reshape([spot.position for spot in survey.hotspots], (-1, 3))
-    paired = [(int(stood[i]), k) for i, k in _pairs(truth.sites[stood], spots)]
+    paired = [(int(occupied[i]), k) for i, k in _pair_sites(truth.sites[occupied], spots)]
     errors = [(spots[k] - truth.sites[i])[:2] for i, k in paired]
     covariances = [np.array(survey.hotspots[k].covariance)[:2, :2] for _, k in paired]
-    single = [_sightings(survey, name, truth.feet[row]) for name, row in rows.items()]
-    looks, seen = _looks(survey, truth, rows, paired)
+    single = [_score_sightings(survey, name, truth.feet[row]) for name, row in rows.items()]
+    looks, seen = _count_observations(survey, truth, rows, paired)
     chance = truth.chance[used].mean(axis=0)
     totals = [survey.hotspots[k].occurrence[0] for _, k in paired]
     return SurveyScore(
-        sites=len(stood),
+        sites=len(occupied),
         found=len(paired),
         false=len(spots) - len(paired),
         errors_m=tuple(float(np.linalg.norm(error)) for error in errors),
-        nees=tuple(_nees(*pair) for pair in zip(errors, covariances, strict=True)),
+        nees=tuple(_horizontal_nees(*pair) for pair in zip(errors, covariances, strict=True)),
         single_errors_m=tuple(
             float(np.linalg.norm(error)) for right, _ in single for error, _ in right
         ),
-        single_nees=tuple(_nees(*one) for right, _ in single for one in right),
-        single_found=float(np.mean([len(right) for right, _ in single])) / max(len(stood), 1),
+        single_nees=tuple(_horizontal_nees(*one) for right, _ in single for one in right),
+        single_found=float(np.mean([len(right) for right, _ in single])) / max(len(occupied), 1),
         false_sightings=sum(wrong for _, wrong in single),
         standing=int(truth.standing[used].sum()),
         looks=looks,
@@ -164,39 +167,39 @@ def score_survey(survey: Survey, folder: Path) -> SurveyScore:
     )
 
 
-def _pairs(sites: FloatArray, spots: FloatArray) -> list[tuple[int, int]]:
+def _pair_sites(sites: FloatArray, spots: FloatArray) -> list[tuple[int, int]]:
     apart = np.linalg.norm((sites[:, None] - spots)[..., :2], axis=-1)
     return pair_within_gate(apart, np.array(GATE_M))
 
 
-def _nees(error: FloatArray, covariance: FloatArray) -> float:
+def _horizontal_nees(error: FloatArray, covariance: FloatArray) -> float:
     return float(error @ np.linalg.solve(covariance, error))
 
 
-def _sightings(
+def _score_sightings(
     survey: Survey, name: str, feet: FloatArray
 ) -> tuple[list[tuple[FloatArray, FloatArray]], int]:
     """(2,) error and (2, 2) covariance of a flight's own sightings, and how many are of nothing."""
     flight = next(flight for flight in survey.mapped if flight.name == name)
-    moved = offset_of(flight, survey.frame).survey_from_flight
-    plumes = flight.answer.plumes
-    positions = moved(np.reshape([plume.source for plume in plumes], (-1, 3)))
+    to_survey_frame = offset_of(flight, survey.frame).survey_from_flight
+    plumes = flight.plume_map.plumes
+    positions = to_survey_frame(np.reshape([plume.source for plume in plumes], (-1, 3)))
     standing = feet[np.isfinite(feet).all(axis=1)]
-    paired = _pairs(standing, positions)
+    paired = _pair_sites(standing, positions)
     right = [
         (
             (positions[k] - standing[i])[:2],
-            moved.transform_covariance(plumes[k].source_covariance)[:2, :2],
+            to_survey_frame.transform_covariance(plumes[k].source_covariance)[:2, :2],
         )
         for i, k in paired
     ]
     return right, len(plumes) - len(paired)
 
 
-def _looks(
+def _count_observations(
     survey: Survey, truth: CampaignTruth, rows: dict[str, int], paired: list[tuple[int, int]]
 ) -> tuple[int, int]:
-    """Looks at hotspots while their column stood, and how many of them saw it."""
+    """Observations of hotspots while their column was present, and how many of them saw it."""
     saw = {(one.flight, one.hotspot) for one in survey.sightings}
     looks = [
         (name, survey.hotspots[k].id) in saw
@@ -213,13 +216,13 @@ def score_table(score: SurveyScore) -> Table:
     table.add_column("quantity")
     table.add_column("value", justify="right")
     table.add_column("unit")
-    for row in _rows(score):
+    for row in _score_rows(score):
         table.add_row(*row)
     return table
 
 
-def _rows(score: SurveyScore) -> Iterator[tuple[str, str, str]]:
-    yield "sites where a column stood", f"{score.sites}", ""
+def _score_rows(score: SurveyScore) -> Iterator[tuple[str, str, str]]:
+    yield "sites where a column was present", f"{score.sites}", ""
     yield "found", f"{score.found}", ""
     yield "found by one flight, mean", f"{100 * score.single_found:.0f}", "%"
     yield "false hotspots", f"{score.false}", ""
@@ -228,7 +231,7 @@ def _rows(score: SurveyScore) -> Iterator[tuple[str, str, str]]:
         yield "error of a hotspot, median", f"{np.median(score.errors_m):.2f}", "m"
         yield "error of a hotspot, largest", f"{max(score.errors_m):.2f}", "m"
         yield "NEES of a hotspot, mean, 2 expected", f"{np.mean(score.nees):.2f}", ""
-        yield "occurrence said, mean", f"{np.mean(score.said):.2f}", ""
+        yield "occurrence estimated, mean", f"{np.mean(score.said):.2f}", ""
         yield "occurrence in truth, mean", f"{np.mean(score.chance):.2f}", ""
         yield "90 % intervals that hold it", f"{score.inside} of {score.found}", ""
     if score.single_errors_m:
@@ -238,6 +241,6 @@ def _rows(score: SurveyScore) -> Iterator[tuple[str, str, str]]:
             "m",
         )
         yield "NEES of it, median, 1.39 expected", f"{np.median(score.single_nees):.2f}", ""
-    yield "looks while a column stood, seen", f"{score.seen} of {score.looks}", ""
+    yield "observations of a present column, seen", f"{score.seen} of {score.looks}", ""
     sighted = len(score.single_errors_m)
-    yield "columns that stood, seen by their flight", f"{sighted} of {score.standing}", ""
+    yield "columns present, seen by their flight", f"{sighted} of {score.standing}", ""

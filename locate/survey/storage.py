@@ -16,6 +16,7 @@ from locate.telemetry.read import SIDECARS
 
 FETCHED = "recordings"
 NAME_DIGITS = 10
+"""Hexadecimal digits of an address's digest that name its copy."""
 STATE = (".json", ".yaml", ".jsonl", ".html", ".geojson", ".gpkg", ".tif", ".cup", ".gpx")
 """Small files that may change and keep their size: always copied."""
 
@@ -31,8 +32,8 @@ def local_path(text: str) -> Path:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fetch:
-    """The job that brings a recording or a run folder here; what stands is not brought again.
+class FetchJob:
+    """The job that copies a recording or a run folder here; files that are here are kept.
 
     Attributes:
         folder: Where to; every worker sees it.
@@ -46,11 +47,11 @@ class Fetch:
         Raises:
             BadInputError: Nothing is there, or it cannot be read.
         """
-        files, root = _open(address)
+        files, root = _open_address(address)
         target = self.folder / digest(address.encode())[:NAME_DIGITS]
-        with _told(address):
+        with _report_errors(address):
             if files.isdir(root):
-                pull(files, root, target / PurePosixPath(root).name)
+                pull_folder(files, root, target / PurePosixPath(root).name)
             else:
                 stem = PurePosixPath(root).stem.lower()
                 beside = {stem + suffix for suffix in SIDECARS}
@@ -64,8 +65,8 @@ class Fetch:
         return found
 
 
-def fetched(given: Sequence[str], output: Path, scheduler: str | None = None) -> list[Path]:
-    """Local paths of flights, those from elsewhere fetched into the survey's folder.
+def fetch_flights(given: Sequence[str], output: Path, scheduler: str | None = None) -> list[Path]:
+    """Returns local paths of flights; copies those from elsewhere into the survey's folder.
 
     Args:
         given: Paths and addresses.
@@ -76,14 +77,14 @@ def fetched(given: Sequence[str], output: Path, scheduler: str | None = None) ->
         BadInputError: One cannot be fetched.
     """
     far = [text for text in given if is_address(text)]
-    job = Fetch(folder=output.resolve() / FETCHED)
+    job = FetchJob(folder=output.resolve() / FETCHED)
     found = dict(map_flights(job, far, scheduler))
     return [found[text] if text in found else local_path(text) for text in given]
 
 
 @contextmanager
-def mirrored(output: str, scheduler: str | None = None) -> Iterator[Path]:
-    """The folder of a survey; where it lies elsewhere, a copy here that is sent back at the end.
+def mirror_folder(output: str, scheduler: str | None = None) -> Iterator[Path]:
+    """Yields the folder of a survey; of one elsewhere, a copy here that is sent back at the end.
 
     The copy stays in the user's cache, so that adding a flight moves only that flight's files. It
     is sent back as far as it got where the block raises.
@@ -103,20 +104,20 @@ def mirrored(output: str, scheduler: str | None = None) -> Iterator[Path]:
             f"{output}: the workers of {scheduler} cannot see a copy of it here; give -o a folder "
             "that they share"
         )
-    files, root = _open(output)
+    files, root = _open_address(output)
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     copy = cache / "locate" / digest(output.encode())[:NAME_DIGITS]
     copy.mkdir(parents=True, exist_ok=True)
-    with _told(output):
-        pull(files, root, copy)
+    with _report_errors(output):
+        pull_folder(files, root, copy)
     try:
         yield copy
     finally:
-        with _told(output):
-            push(copy, files, root)
+        with _report_errors(output):
+            push_folder(copy, files, root)
 
 
-def pull(files: Any, root: str, target: Path) -> None:
+def pull_folder(files: Any, root: str, target: Path) -> None:
     """Copies a folder of an fsspec file system here; files of the same size stay."""
     if files.exists(root):
         for path, about in files.find(root, detail=True).items():
@@ -124,7 +125,7 @@ def pull(files: Any, root: str, target: Path) -> None:
             _pull_file(files, path, about["size"], inside)
 
 
-def push(folder: Path, files: Any, root: str) -> None:
+def push_folder(folder: Path, files: Any, root: str) -> None:
     """Makes a folder of an fsspec file system like one here, file by file."""
     there = files.find(root, detail=True) if files.exists(root) else {}
     known = {str(PurePosixPath(path).relative_to(root)): path for path in there}
@@ -151,7 +152,7 @@ def _pull_file(files: Any, path: str, size: int, target: Path) -> None:
         files.get_file(path, str(unfinished))
 
 
-def _open(address: str) -> tuple[Any, str]:
+def _open_address(address: str) -> tuple[Any, str]:
     try:
         from fsspec.core import url_to_fs  # type: ignore[import-untyped]
     except ImportError as error:
@@ -164,7 +165,7 @@ def _open(address: str) -> tuple[Any, str]:
 
 
 @contextmanager
-def _told(address: str) -> Iterator[None]:
+def _report_errors(address: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # no credentials, no network: each store has its own errors

@@ -1,4 +1,4 @@
-"""The wind that a flight's plumes show: how far they lean."""
+"""The wind, from how far the plumes of a flight lean."""
 
 from collections.abc import Sequence
 
@@ -7,27 +7,28 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.georeference import Alignment
 from locate.survey.findings import Wind
-from locate.survey.frame import Seen
+from locate.survey.frame import PlumeSighting
 from locate.survey.model import Flight
 
 STEEPEST_UP = 0.2
+"""Vertical part of an axis below which a plume lies too flat to state a lean; chosen."""
 
 
-def wind_of(flight: Flight, seen: Sequence[Seen]) -> Wind | None:
+def wind_of(flight: Flight, sightings: Sequence[PlumeSighting]) -> Wind | None:
     """The mean lean of one flight's plumes; None where it has none that rises.
 
     The tilt of the flight's frame is common to its plumes and does not average out.
 
     Args:
         flight: The flight.
-        seen: Its plumes.
+        sightings: Its plumes.
     """
-    rising = [one for one in seen if one.axis[2] > STEEPEST_UP]
+    rising = [one for one in sightings if one.axis[2] > STEEPEST_UP]
     if not rising:
         return None
     leans = np.array([lean_of(one.axis) for one in rising])
     sigmas = np.array([one.plume.axis_sigma_rad / one.axis[2] ** 2 for one in rising])
-    tilt = Alignment.from_dict(flight.answer.georeference or {}).tilt_sigma_rad
+    tilt = Alignment.from_dict(flight.plume_map.georeference or {}).tilt_sigma_rad
     own = np.maximum(sigmas**2 - tilt**2, 1e-6)
     weights = 1 / own
     mean = weights @ leans / weights.sum()

@@ -12,13 +12,13 @@ import pytest
 from geometry.errors import BadInputError
 from locate.map.plume import PlumeMap
 from locate.survey import flights as flights_module
-from locate.survey.build import survey
-from locate.survey.model import Settings, Survey
+from locate.survey.build import build_survey
+from locate.survey.model import Survey, SurveySettings
 from tests.locate.survey_runs import FIELD, Flown, write_run
 
 SITES = np.array([[5.0, 10.0, 0.0], [-8.0, -15.0, 0.0], [10.0, -4.0, 0.0]])
 STANDING = ([0, 1], [0, 2], [0], [0, 1, 2], [0, 1])
-SETTINGS = Settings(cell_m=4.0, wander_m=0.5)
+SETTINGS = SurveySettings(cell_m=4.0, wander_m=0.5)
 
 
 def campaign(root: Path) -> list[Path]:
@@ -47,7 +47,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.fixture(scope="module")
 def done(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Survey, Path]:
     output = tmp_path_factory.mktemp("survey")
-    return survey(runs, output, settings=SETTINGS), output
+    return build_survey(runs, output, settings=SETTINGS), output
 
 
 def test_hotspots_are_where_columns_stood(done: tuple[Survey, Path]) -> None:
@@ -63,7 +63,7 @@ def test_hotspots_are_where_columns_stood(done: tuple[Survey, Path]) -> None:
         assert sigma < 1.0, "five flights of 1 m know no more than one"
 
 
-def test_a_look_that_saw_nothing_counts(done: tuple[Survey, Path]) -> None:
+def test_an_observation_that_saw_nothing_counts(done: tuple[Survey, Path]) -> None:
     answer, _ = done
     rare = answer.hotspots[2]
     assert (rare.occurrence[0].looked, rare.occurrence[0].seen) == (5, 2)
@@ -75,17 +75,19 @@ def test_a_look_that_saw_nothing_counts(done: tuple[Survey, Path]) -> None:
     assert rare.occurrence[0].low < 0.4 < rare.occurrence[0].high
 
 
-def test_flights_that_look_elsewhere_or_badly_do_not_count(tmp_path: Path) -> None:
+def test_flights_that_observe_elsewhere_or_badly_do_not_count(tmp_path: Path) -> None:
     seen = write_run(tmp_path, Flown(name="seen", feet=SITES[:1]))
     blurred = write_run(tmp_path, Flown(name="blurred", sigma_px=5.0))
-    answer = survey([seen, blurred], tmp_path / "out", settings=SETTINGS)
+    answer = build_survey([seen, blurred], tmp_path / "out", settings=SETTINGS)
     assert (answer.hotspots[0].occurrence[0].looked, answer.hotspots[0].occurrence[0].seen) == (
         1,
         1,
     )
     weak = SETTINGS.model_copy(update={"displacement_px": 100.0})
-    counts = survey([], tmp_path / "out", settings=weak).hotspots[0].occurrence[0]
-    assert (counts.looked, counts.seen) == (1, 1), "a look needs evidence, whatever the amplitude"
+    counts = build_survey([], tmp_path / "out", settings=weak).hotspots[0].occurrence[0]
+    assert (counts.looked, counts.seen) == (1, 1), (
+        "an observation needs evidence, whatever the amplitude"
+    )
 
 
 def test_another_flight_leaves_the_others_alone(
@@ -94,17 +96,17 @@ def test_another_flight_leaves_the_others_alone(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    survey(runs[:-1], tmp_path, settings=SETTINGS)
+    build_survey(runs[:-1], tmp_path, settings=SETTINGS)
     stamps = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "looks").iterdir()}
     read = counted(monkeypatch, "read_flight")
-    answer = survey(runs[-1:], tmp_path)
+    answer = build_survey(runs[-1:], tmp_path)
     assert len(read) == 1
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "looks").iterdir()}
     assert {name: after[name] for name in stamps} == stamps
     at_once = done[0].model_dump(exclude={"settings"})
     assert answer.model_dump(exclude={"settings"}) == at_once
     read.clear()
-    survey(runs, tmp_path)
+    build_survey(runs, tmp_path)
     assert not read
 
 
@@ -128,7 +130,7 @@ def test_a_flight_that_fails_is_named_and_nothing_else_is_lost(
     unplaced.save(lost / "map.json")
     (tmp_path / "notes.txt").write_text("no video")
     given = [tmp_path / "notes.txt", lost, *runs[:2]]
-    answer = survey(given, tmp_path / "out", settings=SETTINGS)
+    answer = build_survey(given, tmp_path / "out", settings=SETTINGS)
     failures = {flight.name: flight.failure for flight in answer.flights if flight.failure}
     assert set(failures) == {"notes", "lost"}
     assert "give telemetry" in str(failures["lost"])
@@ -141,19 +143,19 @@ def test_a_flight_that_fails_is_named_and_nothing_else_is_lost(
 def test_nothing_placed_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no video")
     with pytest.raises(BadInputError, match=r"no flight could be placed.*notes"):
-        survey([tmp_path / "notes.txt"], tmp_path / "out")
+        build_survey([tmp_path / "notes.txt"], tmp_path / "out")
     with pytest.raises(BadInputError, match="name its first flights"):
-        survey([], tmp_path / "empty")
+        build_survey([], tmp_path / "empty")
     with pytest.raises(BadInputError, match="no such recording"):
-        survey([tmp_path / "gone.mp4"], tmp_path / "out")
+        build_survey([tmp_path / "gone.mp4"], tmp_path / "out")
 
 
-def test_flights_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_flights_of_one_name_are_kept_apart(tmp_path: Path) -> None:
     pair = []
     for day in ("monday", "tuesday"):
         (tmp_path / day).mkdir()
         pair.append(write_run(tmp_path / day, Flown(name="DJI_0001", feet=SITES[:1])))
-    answer = survey(pair, tmp_path / "out", settings=SETTINGS)
+    answer = build_survey(pair, tmp_path / "out", settings=SETTINGS)
     assert [flight.name for flight in answer.flights] == ["DJI_0001", "DJI_0001-2"]
     assert answer.hotspots[0].occurrence[0].seen == 2
 

@@ -1,4 +1,4 @@
-"""`locate survey` as a user types it, and a survey held against a campaign's truth."""
+"""`locate survey` as a user types it, and a survey compared with a campaign's truth."""
 
 import json
 from dataclasses import replace
@@ -17,14 +17,14 @@ from locate.commands.evaluate import evaluate
 from locate.commands.survey import survey as command
 from locate.simulation.campaign import SCHEMA, Campaign
 from locate.survey import engine
-from locate.survey.build import survey
-from locate.survey.model import Settings, Survey
+from locate.survey.build import build_survey
+from locate.survey.model import Survey, SurveySettings
 from locate.survey.scoring import score_survey
 from tests.locate.survey_runs import FIELD, Flown, write_run
 
 SITES = np.array([[5.0, 10.0, 0.0], [-8.0, -15.0, 0.0], [10.0, -4.0, 0.0]])
 STANDING = ([0, 1], [0, 2], [0, 1])
-SETTINGS = Settings(cell_m=4.0, wander_m=0.3)
+SETTINGS = SurveySettings(cell_m=4.0, wander_m=0.3)
 
 
 def typed(function: Any, *arguments: object) -> str:
@@ -37,10 +37,10 @@ def typed(function: Any, *arguments: object) -> str:
     return result.output
 
 
-def test_the_command_makes_a_survey_and_remembers_what_it_was_told(
+def test_the_command_makes_a_survey_and_remembers_its_options(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engine, "cores", lambda: 1)
+    monkeypatch.setattr(engine, "count_cores", lambda: 1)
     runs = [write_run(tmp_path, Flown(name=name, feet=SITES[:1])) for name in ("one", "two")]
     out = tmp_path / "out"
     printed = typed(command, runs[0], "-o", out, "--cell", 6, "--wander", 0.3)
@@ -101,7 +101,7 @@ def test_a_file_is_no_folder_for_a_survey(tmp_path: Path) -> None:
 
 def test_a_perfect_survey_scores_so(tmp_path: Path) -> None:
     truth, runs = write_campaign(tmp_path)
-    score = score_survey(survey(runs, tmp_path / "out", settings=SETTINGS), truth)
+    score = score_survey(build_survey(runs, tmp_path / "out", settings=SETTINGS), truth)
     assert (score.sites, score.found, score.false, score.false_sightings) == (3, 3, 0, 0)
     assert max(score.errors_m) < 0.01
     assert max(score.single_errors_m) < 0.01
@@ -121,7 +121,7 @@ def test_misses_and_inventions_are_counted(tmp_path: Path) -> None:
     spoilt = tmp_path / "spoilt"
     spoilt.mkdir()
     runs[1] = write_run(spoilt, Flown(name="flight_1", feet=invented))
-    score = score_survey(survey(runs, tmp_path / "out", settings=SETTINGS), truth)
+    score = score_survey(build_survey(runs, tmp_path / "out", settings=SETTINGS), truth)
     assert (score.sites, score.found, score.false, score.false_sightings) == (3, 2, 1, 1)
     assert (score.standing, score.seen, score.looks) == (6, 4, 5)
 
@@ -130,7 +130,7 @@ def test_the_truth_of_something_else_is_refused(tmp_path: Path) -> None:
     truth, _ = write_campaign(tmp_path)
     other = tmp_path / "other"
     other.mkdir()
-    answer = survey([write_run(other, Flown(name="stranger"))], tmp_path / "out")
+    answer = build_survey([write_run(other, Flown(name="stranger"))], tmp_path / "out")
     with pytest.raises(BadInputError, match="none of the flights"):
         score_survey(answer, truth)
     (truth / "truth.json").write_text('{"schema": "locate.truth/1"}')

@@ -33,10 +33,10 @@ class Work:
     deadly: str = ""
     blamed: str = ""
 
-    def parts(self, item):
+    def list_parts(self, item):
         return GROUPS
 
-    def part(self, item, name):
+    def do_part(self, item, name):
         place, line = self.folder / item, f"{name} {os.getpid()}\n"
         if place.exists() and any(old.startswith(name) for old in place.read_text().splitlines()):
             return None
@@ -56,10 +56,10 @@ class Work:
     def __call__(self, item):
         for group in GROUPS:
             for name in group:
-                self.part(item, name)
+                self.do_part(item, name)
         return sorted(name for name, _ in lines(self.folder / item))
 
-    def failed(self, item, why):
+    def failed_result(self, item, why):
         return why
 
 
@@ -68,7 +68,7 @@ DONE = sorted(name for group in GROUPS for name in group)
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch):
-    monkeypatch.setattr(engine, "cores", lambda: 2)
+    monkeypatch.setattr(engine, "count_cores", lambda: 2)
 
 
 def wait_for(path: Path) -> str:
@@ -165,7 +165,7 @@ def test_a_lost_scheduler_costs_no_finished_part(tmp_path):
     assert (tmp_path / "b").read_text().splitlines()[: len(before)] == before
 
 
-def test_no_scheduler_there_is_told(monkeypatch):
+def test_an_absent_scheduler_is_reported(monkeypatch):
     monkeypatch.setattr(engine, "CONNECT_S", 0.5)
     with pytest.raises(BadInputError, match="no Dask scheduler answers"):
         list(map_flights(Work(folder=Path()), NAMES, "tcp://127.0.0.1:9"))

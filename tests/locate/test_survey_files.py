@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
-from locate.survey.build import survey
-from locate.survey.model import Settings, Survey
+from locate.survey.build import build_survey
+from locate.survey.model import Survey, SurveySettings
 from tests.locate.survey_runs import FIELD, Flown, write_run
 
 SITES = np.array([[7.5, 12.5, 0.0], [-7.5, -17.5, 0.0]])  # in the middle of a cell
@@ -30,8 +30,8 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Survey, Path]:
         Flown(name="evening", start=evening, feet=SITES[:1]),
     ]
     runs = [write_run(root, flown) for flown in flights]
-    settings = Settings(cell_m=CELL_M, wander_m=0.2)
-    return survey(runs, root / "out", settings=settings), root / "out"
+    settings = SurveySettings(cell_m=CELL_M, wander_m=0.2)
+    return build_survey(runs, root / "out", settings=settings), root / "out"
 
 
 def lon_lat(points: np.ndarray) -> np.ndarray:
@@ -93,7 +93,7 @@ def test_tifffile_and_pyproj_find_the_hotspot_in_the_raster(done: tuple[Survey, 
     seen = bands[names.index("flights that saw")]
     assert seen[row, column].tolist() == pytest.approx([2.0, 1.0], abs=0.6)
     probability = bands[0]
-    assert np.isnan(probability).any(), "what nobody looked at has no probability"
+    assert np.isnan(probability).any(), "what was not observed has no probability"
     highest = np.unravel_index(np.nanargmax(probability), probability.shape)
     assert highest == (row[0], column[0])
     assert np.nanmin(probability) < 0.05
@@ -168,7 +168,7 @@ def test_the_page_needs_no_network(done: tuple[Survey, Path]) -> None:
     page.feed(text)
     assert page.open == []
     assert page.addresses == []
-    assert page.pictures == 4, "all flights, two bins, and where somebody looked"
+    assert page.pictures == 4, "all flights, two bins, and the observations"
     assert "2 hotspots from 2 flights" in text
     assert "http" not in text.replace("http-equiv", "")
     assert len(text) < 200_000
@@ -179,7 +179,7 @@ def test_without_the_extra_there_is_no_raster_and_all_else(
 ) -> None:
     run = write_run(tmp_path, Flown(name="alone", feet=SITES))
     monkeypatch.setitem(__import__("sys").modules, "rasterio", None)
-    survey([run], tmp_path / "out")
+    build_survey([run], tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert "updraft.tif" not in names
     assert {"map.html", "survey.gpkg", "survey.json", "hotspots.cup"} <= names

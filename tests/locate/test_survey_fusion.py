@@ -1,4 +1,4 @@
-"""What many flights say together: hotspots, offsets, drift, and how often."""
+"""What many flights give together: hotspots, offsets, drift, and how often."""
 
 from dataclasses import replace
 
@@ -9,9 +9,9 @@ from geometry.arrays import FloatArray, IntArray
 from geometry.georeference.constraints import point_jacobian
 from geometry.similarity import Similarity
 from locate.survey.associate import associate
-from locate.survey.frame import Offset, Seen
-from locate.survey.graph import solve
-from locate.survey.occurrence import hotspot_posterior, pooled_prior, posterior
+from locate.survey.frame import FlightOffset, PlumeSighting
+from locate.survey.graph import solve_graph
+from locate.survey.occurrence import beta_posterior, hotspot_posterior, pooled_prior
 from tests.locate.answers import plume
 
 SIGMAS = np.array([0.002, 0.002, 0.004, 1.0, 1.0, 2.0, 0.002])
@@ -19,24 +19,24 @@ OWN_M, WANDER_M = 0.3, 0.5
 STILL = Similarity(scale=1.0, rotation=np.eye(3), translation=np.zeros(3))
 
 
-def offset(flight: int) -> Offset:
-    return Offset(flight=str(flight), survey_from_flight=STILL, covariance=np.diag(SIGMAS**2))
+def offset(flight: int) -> FlightOffset:
+    return FlightOffset(flight=str(flight), survey_from_flight=STILL, covariance=np.diag(SIGMAS**2))
 
 
-def sighting(flight: int, position: FloatArray) -> Seen:
-    return Seen(
+def sighting(flight: int, position: FloatArray) -> PlumeSighting:
+    return PlumeSighting(
         flight=flight,
         plume=plume(position),
         position=position,
-        own=OWN_M**2 * np.eye(3),
-        by_offset=point_jacobian(position[None])[0],
+        own_covariance=OWN_M**2 * np.eye(3),
+        offset_jacobian=point_jacobian(position[None])[0],
         axis=np.array([0.0, 0.0, 1.0]),
     )
 
 
 def flown(
     sites: FloatArray, leans: FloatArray, drift_m: float, rng: np.random.Generator
-) -> tuple[list[Seen], IntArray]:
+) -> tuple[list[PlumeSighting], IntArray]:
     """Every flight sees every site."""
     seen, truth = [], []
     for flight, lean in enumerate(leans):
@@ -60,12 +60,12 @@ def test_the_covariance_of_a_hotspot_is_honest() -> None:
         leans = rng.normal(0, 0.2, (5, 2))
         leans -= leans.mean(axis=0)
         seen, truth = flown(SITES, leans, 6.0, rng)
-        solved = solve(seen, truth, [offset(f) for f in range(5)], leans, WANDER_M)
+        solved = solve_graph(seen, truth, [offset(f) for f in range(5)], leans, WANDER_M)
         for position, covariance, site in zip(
             solved.positions, solved.covariances, SITES, strict=True
         ):
             nees.append((position - site) @ np.linalg.solve(covariance, position - site) / 3)
-        drifts.append((solved.common.drift_m - 6.0) / solved.common.drift_sigma_m)
+        drifts.append((solved.shared.drift_m - 6.0) / solved.shared.drift_sigma_m)
     assert 0.7 < np.mean(nees) < 1.4
     assert 0.7 < np.std(drifts) < 1.4
 
@@ -75,8 +75,8 @@ def test_flights_together_know_more_than_one() -> None:
     leans = np.zeros((8, 2))
     seen, truth = flown(SITES, leans, 0.0, rng)
     offsets = [offset(f) for f in range(8)]
-    together = solve(seen, truth, offsets, leans, WANDER_M).covariances[0]
-    alone = solve(seen[:3], truth[:3], offsets[:1], leans[:1], WANDER_M).covariances[0]
+    together = solve_graph(seen, truth, offsets, leans, WANDER_M).covariances[0]
+    alone = solve_graph(seen[:3], truth[:3], offsets[:1], leans[:1], WANDER_M).covariances[0]
     assert np.trace(together) < np.trace(alone) / 5
 
 
@@ -85,9 +85,9 @@ def test_a_wrong_association_moves_its_hotspot_little() -> None:
     leans = np.zeros((6, 2))
     seen, truth = flown(SITES, leans, 0.0, rng)
     offsets = [offset(f) for f in range(6)]
-    clean = solve(seen, truth, offsets, leans, WANDER_M)
+    clean = solve_graph(seen, truth, offsets, leans, WANDER_M)
     wrong = sighting(4, SITES[0] + [18.0, -12.0, 0.0])
-    spoilt = solve(
+    spoilt = solve_graph(
         [wrong if (s.flight, k) == (4, 0) else s for s, k in zip(seen, truth, strict=True)],
         truth, offsets, leans, WANDER_M,
     )  # fmt: skip
@@ -104,7 +104,7 @@ def test_sightings_find_their_hotspots() -> None:
     seen, truth = flown(SITES, leans, 8.0, rng)
     fused = associate(seen, [offset(f) for f in range(6)], leans, wander_m=WANDER_M, area_m2=2500.0)
     assert np.array_equal(fused.hotspot_of, truth)
-    assert abs(fused.solved.common.drift_m - 8.0) < 3 * fused.solved.common.drift_sigma_m
+    assert abs(fused.solution.shared.drift_m - 8.0) < 3 * fused.solution.shared.drift_sigma_m
 
 
 def test_one_flight_never_sees_one_hotspot_twice() -> None:
@@ -114,13 +114,13 @@ def test_one_flight_never_sees_one_hotspot_twice() -> None:
         [*pair, other], [offset(0), offset(1)], np.zeros((2, 2)), wander_m=0.5, area_m2=2500.0
     )
     assert fused.hotspot_of[0] != fused.hotspot_of[1]
-    assert len(fused.solved.positions) == 2
+    assert len(fused.solution.positions) == 2
 
 
 def test_no_sighting_is_no_hotspot() -> None:
     fused = associate([], [offset(0)], np.zeros((1, 2)), wander_m=0.5, area_m2=2500.0)
-    assert len(fused.solved.positions) == 0
-    assert len(fused.solved.covariances) == 0
+    assert len(fused.solution.positions) == 0
+    assert len(fused.solution.covariances) == 0
 
 
 @pytest.mark.parametrize("true", [0.2, 0.5, 0.9])
@@ -135,11 +135,11 @@ def test_how_often_a_hotspot_is_there_is_not_flattered_by_its_discovery(true: fl
     assert answers[1][0] < naive[0]
 
 
-def test_a_cell_knows_how_often_it_was_looked_at() -> None:
+def test_a_cell_knows_how_often_it_was_observed() -> None:
     looked, seen = np.array([0.0, 1.0, 8.0, 8.0]), np.array([0.0, 0.0, 0.0, 8.0])
     prior = pooled_prior(looked, seen)
     assert prior[0] == pytest.approx(8.5 / 18)
-    mean, low, high = posterior(looked, seen, prior)
+    mean, low, high = beta_posterior(looked, seen, prior)
     assert np.isnan([mean[0], low[0], high[0]]).all()
     assert mean[1] == pytest.approx(prior[0] / 2)
     assert mean[2] == pytest.approx(prior[0] / 9)

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from geometry.errors import BadInputError
-from locate.survey.storage import FETCHED, fetched, mirrored, pull
+from locate.survey.storage import FETCHED, fetch_flights, mirror_folder, pull_folder
 
 fsspec = pytest.importorskip("fsspec")
 
@@ -43,39 +43,39 @@ def bucket(monkeypatch):
 def test_s3_holds_flights_and_surveys(bucket, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     bucket.pipe({"bucket/june/DJI_1.MP4": b"video", "bucket/june/DJI_1.SRT": b"where"})
-    (video,) = fetched(["s3://bucket/june/DJI_1.MP4"], tmp_path)
+    (video,) = fetch_flights(["s3://bucket/june/DJI_1.MP4"], tmp_path)
     assert video.read_bytes() == b"video"
     assert video.with_suffix(".SRT").read_bytes() == b"where"
-    with mirrored("s3://bucket/farm") as folder:
+    with mirror_folder("s3://bucket/farm") as folder:
         (folder / "flights").mkdir()
         (folder / "flights" / "map.json").write_bytes(b"{}")
     bucket.invalidate_cache()
     assert bucket.cat("bucket/farm/flights/map.json") == b"{}"
     with pytest.raises(BadInputError, match="s3://elsewhere/none"):
-        fetched(["s3://elsewhere/none.mp4"], tmp_path)
+        fetch_flights(["s3://elsewhere/none.mp4"], tmp_path)
 
 
 def test_flights_come_here_with_their_telemetry(memory, tmp_path):
     near = tmp_path / "near.mp4"
     given = ["memory://far/DJI_1.MP4", str(near), "memory://far/run", f"file://{near}"]
-    video, same, run, again = fetched(given, tmp_path)
+    video, same, run, again = fetch_flights(given, tmp_path)
     assert (same, again) == (near, near)
     assert video.read_bytes() == b"video"
     assert sorted(path.name for path in video.parent.iterdir()) == ["DJI_1.MP4", "DJI_1.SRT"]
     assert video.parent.parent == tmp_path / FETCHED
     assert (run / "frames" / "000000.png").read_bytes() == b"png"
     before = video.stat().st_mtime_ns
-    assert fetched(given, tmp_path)[0].stat().st_mtime_ns == before
+    assert fetch_flights(given, tmp_path)[0].stat().st_mtime_ns == before
 
 
-def test_what_is_not_there_is_told(memory, tmp_path):
+def test_what_is_not_there_is_reported(memory, tmp_path):
     with pytest.raises(BadInputError, match=r"memory://far/none\.mp4"):
-        fetched(["memory://far/none.mp4"], tmp_path)
+        fetch_flights(["memory://far/none.mp4"], tmp_path)
     with pytest.raises(BadInputError, match="cannot be opened"):
-        fetched(["nosuch://far/none.mp4"], tmp_path)
+        fetch_flights(["nosuch://far/none.mp4"], tmp_path)
 
 
-def test_whatever_a_store_raises_is_told_in_one_line(memory, tmp_path, monkeypatch):
+def test_whatever_a_store_raises_is_reported_in_one_line(memory, tmp_path, monkeypatch):
     class NoCredentialsError(Exception):
         """As boto's, which is no OSError."""
 
@@ -84,11 +84,11 @@ def test_whatever_a_store_raises_is_told_in_one_line(memory, tmp_path, monkeypat
 
     monkeypatch.setattr(type(memory), "get_file", refused)
     with pytest.raises(BadInputError, match=r"DJI_1\.MP4: cannot be .* locate credentials"):
-        fetched(["memory://far/DJI_1.MP4"], tmp_path)
+        fetch_flights(["memory://far/DJI_1.MP4"], tmp_path)
     monkeypatch.setattr(type(memory), "exists", refused)
     with (
         pytest.raises(BadInputError, match="memory://survey: cannot be"),
-        mirrored("memory://survey"),
+        mirror_folder("memory://survey"),
     ):
         pass
 
@@ -97,7 +97,7 @@ def test_a_survey_elsewhere_is_sent_back(memory, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     memory.pipe({"/survey/survey.json": b"old", "/survey/survey.gpkg": b"old"})
     memory.pipe({"/survey/gone.txt": b"gone"})
-    with mirrored("memory://survey") as folder:
+    with mirror_folder("memory://survey") as folder:
         assert (folder / "survey.json").read_bytes() == b"old"
         (folder / "survey.json").write_bytes(b"new")
         (folder / "survey.gpkg").write_bytes(b"new")
@@ -114,23 +114,23 @@ def test_a_survey_elsewhere_is_sent_back(memory, tmp_path, monkeypatch):
 
 
 def fail_halfway(address, folder):
-    with mirrored(address) as again:
+    with mirror_folder(address) as again:
         assert again == folder
         (again / "more.txt").write_bytes(b"more")
         raise KeyError
 
 
 def test_a_folder_here_is_used_as_it_is(tmp_path):
-    with mirrored(str(tmp_path)) as folder:
+    with mirror_folder(str(tmp_path)) as folder:
         assert folder == tmp_path
-    with mirrored(f"file://{tmp_path}") as folder:
+    with mirror_folder(f"file://{tmp_path}") as folder:
         assert folder == Path(tmp_path)
 
 
 def test_workers_elsewhere_need_a_folder_they_share(memory):
     with (
         pytest.raises(BadInputError, match="that they share"),
-        mirrored("memory://survey", "tcp://10.0.0.1:8786"),
+        mirror_folder("memory://survey", "tcp://10.0.0.1:8786"),
     ):
         pass
 
@@ -151,5 +151,5 @@ class Listing:
 def test_a_listing_cannot_lead_outside(tmp_path):
     (tmp_path / "survey" / "copy").mkdir(parents=True)
     with pytest.raises(BadInputError, match="leads outside"):
-        pull(Listing(), "far/run", tmp_path / "survey" / "copy")
+        pull_folder(Listing(), "far/run", tmp_path / "survey" / "copy")
     assert not (tmp_path / "victim").exists()
