@@ -24,7 +24,7 @@ from detect.flow import METHODS, Flow, flow_method
 from detect.scores import auroc
 from detect.synthesis.camera import MARGIN_PX, Background, Optics, expose
 from detect.synthesis.flows import random_turbulence, read_run, runs_in
-from detect.synthesis.placement import Placement
+from detect.synthesis.placement import PlumePlacement
 from detect.synthesis.raster import as_background, canvas_side, perlin, squares
 from geometry.arrays import FloatMap, GreyImage
 
@@ -84,7 +84,7 @@ def pairs(kind: str, count: int, noise: float, runs: Sequence[Path], seed: int) 
                 potential = moments[rng.integers(len(moments))]
             else:
                 potential = random_turbulence(rng)
-            place = Placement.random(
+            place = PlumePlacement.random(
                 rng, potential, size_px=SIZE_PX, relative_length=1.0, visible=0.3
             )
             w = np.float32(peak_px) * place.displacement(

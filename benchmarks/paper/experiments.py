@@ -45,14 +45,14 @@ from locate.simulation.paths import fly
 from locate.simulation.plume import PlumeField
 from locate.simulation.render import Renderer
 from locate.simulation.scene import (
-    Box,
-    Ground,
+    BoxObject,
+    GroundObject,
     ImageBlock,
     PathBlock,
-    Plume,
+    PlumeSpec,
     Scene,
     VideoBlock,
-    Wall,
+    WallObject,
 )
 from locate.simulation.shutter import INSTANT, Shutter
 from locate.simulation.world import World
@@ -301,11 +301,11 @@ def wall_scene(material: str, amplitude_px: float, *, start_deg: float = -100) -
             arc_deg=20, jitter_m=0.03, jitter_deg=1.0,
         ),
         objects=(
-            Ground(kind="ground", material="concrete"),
-            Wall(kind="wall", start=(-8, 1.5), end=(8, 1.5), height_m=6, material=material),
-            Box(kind="box", center=(0, 0, 0.35), size=(0.6, 0.6, 0.7), material="steel"),
+            GroundObject(kind="ground", material="concrete"),
+            WallObject(kind="wall", start=(-8, 1.5), end=(8, 1.5), height_m=6, material=material),
+            BoxObject(kind="box", center=(0, 0, 0.35), size=(0.6, 0.6, 0.7), material="steel"),
         ),
-        plumes=(Plume(source=(0, 0, 0.7), height_m=2.6, amplitude_px=amplitude_px),),
+        plumes=(PlumeSpec(source=(0, 0, 0.7), height_m=2.6, amplitude_px=amplitude_px),),
     )  # fmt: skip
 
 

@@ -77,14 +77,14 @@ def flow_of(seed: int) -> int:
     return SEEDS.start + seed % FLOWS
 
 
-def flowing(plume: simulated.Plume, flow_seed: int) -> simulated.Plume:
+def flowing(plume: simulated.PlumeSpec, flow_seed: int) -> simulated.PlumeSpec:
     """The plume with that flow, and with the exit that it comes out of."""
     other = random_scene(flow_seed, plume=True).plumes[0]
     exit_ = {name: getattr(other, name) for name in ("radius_m", "height_m", "temperature_k")}
     return plume.model_copy(update=exit_ | {"flow_seed": flow_seed})
 
 
-def judge(sequence: Recorded, leak: simulated.Plume, detector: RegisteredDetector) -> Judged:
+def judge(sequence: Recorded, leak: simulated.PlumeSpec, detector: RegisteredDetector) -> Judged:
     """What a run would state of a recording, and `leak` that stands there or would have stood."""
     units = sequence.inverse_depth_units.tolist()
     detections = [detector.judge(*each) for each in zip(sequence.measurements, units, strict=True)]
@@ -127,7 +127,7 @@ class Place:
     range_m: float
 
     @classmethod
-    def of(cls, leak: simulated.Plume, trajectory: Trajectory) -> "Place":
+    def of(cls, leak: simulated.PlumeSpec, trajectory: Trajectory) -> "Place":
         column = PlumeColumn(np.array([*leak.source, 0, 0, leak.height_m, leak.radius_m, 0]))
         away = np.linalg.norm(trajectory.centers_in_world - np.array(leak.source), axis=1)
         return cls(column=column, range_m=float(away.mean()))

@@ -31,7 +31,7 @@ from locate.simulation.filming import Take
 from locate.simulation.nuisances import NUISANCES, spoiled
 from locate.simulation.photo_scenes import PICTURES
 from locate.simulation.run import record
-from locate.simulation.scene import Cylinder
+from locate.simulation.scene import CylinderObject
 
 KINDS = ("leak", "pair", "clean")
 SEEDS = (1003, 1004, 1008, 1009, 2000, 2001, 2002, 2003, 2004, 2005)
@@ -54,7 +54,7 @@ def with_second(scene: Scene, gap_m: float) -> Scene:
     turn = rng.uniform(0, 2 * np.pi)
     x, y, z = first.source
     source = (x + gap_m * float(np.cos(turn)), y + gap_m * float(np.sin(turn)), z)
-    riser = Cylinder(
+    riser = CylinderObject(
         kind="cylinder", start=(*source[:2], 0.0), end=source, radius_m=0.08, material="steel"
     )
     second = first.model_copy(

@@ -24,7 +24,7 @@ from detect.learning.checkpoint import (
 from detect.learning.config import Stage, TrainConfig
 from detect.learning.networks import Prediction, build
 from detect.learning.pools import Pool
-from detect.learning.validation import Score, validate
+from detect.learning.validation import ValidationScore, validate
 from geometry.errors import BadInputError
 
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
@@ -245,6 +245,6 @@ def _rate(stage: Stage, step: int) -> float:
     return end + (start - end) * (1 + math.cos(math.pi * share)) / 2
 
 
-def _mean_auroc(scores: Mapping[str, Score]) -> float:
+def _mean_auroc(scores: Mapping[str, ValidationScore]) -> float:
     known = [score.auroc for score in scores.values() if math.isfinite(score.auroc)]
     return float(np.mean(known)) if known else -math.inf

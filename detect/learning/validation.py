@@ -15,7 +15,7 @@ THIN = 7
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class ValidationScore:
     """Of the samples of one family.
 
     Attributes:
@@ -36,7 +36,7 @@ class Score:
         return {name: round(float(value), 4) for name, value in asdict(self).items()}
 
 
-def validate(predict: Predict, pool: Pool, config: TrainConfig) -> dict[str, Score]:
+def validate(predict: Predict, pool: Pool, config: TrainConfig) -> dict[str, ValidationScore]:
     """Scores by family, on samples spread evenly over the pool."""
     chosen = np.unique(np.linspace(0, len(pool) - 1, config.validation_samples).astype(int))
     columns: dict[int, list[np.ndarray]] = {}
@@ -63,11 +63,11 @@ def _thinned(says: dict[str, np.ndarray], truth: np.ndarray, limits_px: np.ndarr
     return np.stack(maps).reshape(len(maps), -1)[:, ::THIN]
 
 
-def _score(columns: np.ndarray) -> Score:
+def _score(columns: np.ndarray) -> ValidationScore:
     score, size, error = columns[:3]
     plume, none = columns[3:].astype(bool)
     asked = plume | none
-    return Score(
+    return ValidationScore(
         auroc=auroc(score[asked], plume[asked]),
         epe_px=float(error[plume].mean()) if plume.any() else float("nan"),
         zero_epe_px=float(size[plume].mean()) if plume.any() else float("nan"),

@@ -11,7 +11,7 @@ from geometry.arrays import FloatArray, FloatMap
 
 
 @dataclass(frozen=True, kw_only=True)
-class Placement:
+class PlumePlacement:
     """Where, how large and which way round a potential stands in a frame.
 
     The potential is turned, not the vectors: the gradient of what was turned is turned properly.

@@ -15,7 +15,7 @@ from detect.synthesis.patterns import (
     sinusoid,
     unevenly_lit,
 )
-from detect.synthesis.placement import Placement
+from detect.synthesis.placement import PlumePlacement
 from detect.synthesis.raster import as_background, canvas_side, perlin, photo, photos_in, squares
 from detect.synthesis.recipe import Family, Range, Recipe, SampleFamily
 from detect.synthesis.scenes import man_made_scene
@@ -150,7 +150,7 @@ def _draw_warps(
     """The displacement at each moment of the exposure, while the plume drifts on."""
     peak_px = log_uniform(rng, recipe.peak_px)
     potential = _draw_potential(rng, recipe, sources)
-    placement = Placement.random(
+    placement = PlumePlacement.random(
         rng,
         potential,
         size_px=recipe.size_px,

@@ -15,16 +15,16 @@ from geometry.georeference import Georeference, HeightDatum
 from locate.simulation.paths import fly
 from locate.simulation.run import Progress, silent, simulate
 from locate.simulation.scene import (
-    Block,
     CameraBlock,
-    Document,
-    Flat,
     ImageBlock,
     PathBlock,
-    Plume,
+    PlanarPoint,
+    PlumeSpec,
     Point,
     Positive,
     Scene,
+    SceneBlock,
+    SceneFile,
     SceneObject,
     VideoBlock,
 )
@@ -39,7 +39,7 @@ LOWEST_SUN_DEG = 8.0
 _STREAM = {"thermals": 20, "wind": 21, "receiver": 22}
 
 
-class Origin(Block):
+class CampaignOrigin(SceneBlock):
     """Where the campaign's east-north-up frame sits; heights are ellipsoidal."""
 
     lat_deg: Annotated[float, Field(ge=-90, le=90)] = 47.0
@@ -57,7 +57,7 @@ class Origin(Block):
         )
 
 
-class Site(Block):
+class ThermalSite(SceneBlock):
     """A place where a column of warm air stands at times.
 
     It is there with the probability that `occurrence` gives for the local hour, linear between
@@ -81,13 +81,13 @@ class Site(Block):
         return float(np.interp(hour, hours, chances))
 
 
-class Flight(Block):
+class FlightPlan(SceneBlock):
     """One recording: when, and along what path; wind drawn where it is not given."""
 
     name: Annotated[str, Field(pattern=r"^\w[\w.-]*$")]
     start: dt.datetime
     path: PathBlock
-    wind_mps: Flat | None = None
+    wind_mps: PlanarPoint | None = None
 
     @property
     def hour(self) -> float:
@@ -96,21 +96,21 @@ class Flight(Block):
         return (self.start - midnight) / dt.timedelta(hours=1)
 
 
-class Campaign(Document):
+class Campaign(SceneFile):
     """Everything that `simulate_campaign` needs, and its seed; times are local."""
 
     kind: Literal["campaign"]
     seed: Annotated[int, Field(ge=0)] = 0
-    origin: Origin = Origin()
+    origin: CampaignOrigin = CampaignOrigin()
     camera: CameraBlock = CameraBlock()
     video: VideoBlock = VideoBlock()
     image: ImageBlock = ImageBlock()
     receiver: Receiver = Receiver()
-    wind_mps: Flat = (0.0, 0.0)
+    wind_mps: PlanarPoint = (0.0, 0.0)
     wind_sigma_mps: NotNegative = 0.0
     objects: tuple[SceneObject, ...] = ()
-    sites: tuple[Site, ...] = ()
-    flights: Annotated[tuple[Flight, ...], Field(min_length=1)]
+    sites: tuple[ThermalSite, ...] = ()
+    flights: Annotated[tuple[FlightPlan, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _names_differ(self) -> "Campaign":
@@ -124,7 +124,7 @@ class Campaign(Document):
         """The random numbers of one part of one flight, whatever other flights there are."""
         return np.random.default_rng([self.seed, _STREAM[part], number])
 
-    def wind_of(self, number: int) -> Flat:
+    def wind_of(self, number: int) -> PlanarPoint:
         """Of a flight, m/s to the east and the north."""
         given = self.flights[number].wind_mps
         if given is not None:
@@ -150,7 +150,7 @@ class Campaign(Document):
         flight, feet = self.flights[number], self.columns_of(number)
         shared = ("kind", "radius_m", "height_m", "amplitude_px")
         plumes = tuple(
-            Plume(
+            PlumeSpec(
                 source=feet[site.name],
                 voxel_m=site.radius_m / CELLS_PER_RADIUS if site.kind == "gaussian" else None,
                 **{name: getattr(site, name) for name in shared},
@@ -171,7 +171,7 @@ class Campaign(Document):
         )
 
 
-def sun_at(hour: float) -> Flat:
+def sun_at(hour: float) -> PlanarPoint:
     """Azimuth from the east, counter-clockwise, and elevation of a northern summer's sun, deg."""
     elevation = NOON_ELEVATION_DEG * np.sin(np.pi * (hour - 6) / 12)
     return -15 * (hour - 6), max(float(elevation), LOWEST_SUN_DEG)
@@ -251,7 +251,7 @@ def _claim(campaign: Campaign, output: Path) -> None:
     (output / "camera.json").write_text(json.dumps({"camera": camera}, indent=1))
 
 
-def _site_truth(site: Site, place: Georeference) -> dict[str, Any]:
+def _site_truth(site: ThermalSite, place: Georeference) -> dict[str, Any]:
     return {
         "name": site.name,
         "position": list(site.position),

@@ -1,6 +1,6 @@
-"""Photos on flat cards, cut out, standing, swaying or walking, in front of other surfaces.
+"""Photos on flat billboards, cut out, standing, swaying or walking, in front of other surfaces.
 
-A card's radiance is a fixed function of the place on it, so nothing in a rendered image says
+A billboard's radiance is a fixed function of the place on it, so nothing in a rendered image says
 whether the ray that fetched it was bent.
 """
 
@@ -15,7 +15,7 @@ from geometry.arrays import BoolArray, FloatArray, FloatMap
 from locate.simulation.tiles import GRAIN, TEXEL_M, TileAtlas
 from locate.simulation.world import Hits, Surfaces
 
-FIRST_CARD = 2**31
+FIRST_BILLBOARD = 2**31
 NEAREST_M = 0.05
 SWAY_WAVE_M = 0.7
 WAVELET_M = 3.0
@@ -24,7 +24,7 @@ WAVES_SLOPE = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
-class Card:
+class Billboard:
     """A photo, repeated as in mirrors, on a rectangle.
 
     Attributes:
@@ -34,7 +34,7 @@ class Card:
         size_m: Width and height; inf reaches both ways.
         photo: Number of its photo.
         texel_m: Width of a pixel of the photo on it.
-        cover: Solid where positive, clear elsewhere, stretched over the card; None is all solid.
+        cover: Solid where positive, clear elsewhere, stretched over it; None is all solid.
         velocity_mps: (3,) how it moves.
         sway_m: By how much wind moves it in its own plane, each place in its own time.
         sway_hz: How often.
@@ -61,16 +61,18 @@ class Card:
         return np.cross(self.right, self.up)
 
     def at(self, time_s: float) -> Self:
-        """The card where it then is."""
+        """The billboard where it then is."""
         return replace(self, corner=self.corner + self.velocity_mps * time_s)
 
-    def across(self, origins: FloatMap, directions: FloatMap) -> tuple[FloatMap, FloatMap]:
-        """(N, 3) rays in the card's own axes right, up and normal: where from, which way."""
+    def to_billboard_axes(
+        self, origins: FloatMap, directions: FloatMap
+    ) -> tuple[FloatMap, FloatMap]:
+        """(N, 3) rays in the billboard's own axes right, up and normal: where from, which way."""
         axes = np.array([self.right, self.up, self.normal], dtype=np.float32).T
         return (origins - self.corner.astype(np.float32)) @ axes, directions @ axes
 
-    def swayed(self, u: FloatMap, v: FloatMap, time_s: float) -> tuple[FloatMap, FloatMap]:
-        """Which place of the card the wind has moved to (u, v), m."""
+    def unsway(self, u: FloatMap, v: FloatMap, time_s: float) -> tuple[FloatMap, FloatMap]:
+        """Which place of the billboard the wind has moved to (u, v), m."""
         if not self.sway_m:
             return u, v
         beat = 2 * np.pi * self.sway_hz * time_s
@@ -79,7 +81,7 @@ class Card:
         moved_v = v + np.float32(self.sway_m / 2) * np.sin(np.float32(1.7 * beat) + u / SWAY_WAVE_M)
         return moved_u.astype(np.float32), moved_v.astype(np.float32)
 
-    def solid(self, u: FloatMap, v: FloatMap) -> BoolArray:
+    def stops_ray(self, u: FloatMap, v: FloatMap) -> BoolArray:
         """(N,) where a ray at (u, v) is stopped."""
         width, height = self.size_m
         inside = np.ones(u.shape, bool)
@@ -90,14 +92,16 @@ class Card:
         if self.cover is not None and inside.any():
             x = u[inside] / width * (self.cover.shape[1] - 1)
             y = (1 - v[inside] / height) * (self.cover.shape[0] - 1)
-            inside[inside] = _read(self.cover, x, y) > 0
+            inside[inside] = _read_cover(self.cover, x, y) > 0
         return inside
 
 
-def upright(x: float, y: float, z: float, yaw_deg: float = 0.0, **attributes: Any) -> Card:
-    """A card whose lower left corner stands at (x, y, z), m, and that faces -y, then turned."""
+def stand_billboard(
+    x: float, y: float, z: float, yaw_deg: float = 0.0, **attributes: Any
+) -> Billboard:
+    """A billboard with its lower left corner at (x, y, z), m, that faces -y, then turned."""
     turn = np.radians(yaw_deg)
-    return Card(
+    return Billboard(
         corner=np.array([x, y, z]),
         right=np.array([np.cos(turn), np.sin(turn), 0.0]),
         up=np.array([0.0, 0.0, 1.0]),
@@ -105,17 +109,17 @@ def upright(x: float, y: float, z: float, yaw_deg: float = 0.0, **attributes: An
     )
 
 
-def lying(x: float, y: float, z: float, **attributes: Any) -> Card:
-    """A card that lies at height z, its corner of least x and y at (x, y), m."""
+def lay_billboard(x: float, y: float, z: float, **attributes: Any) -> Billboard:
+    """A billboard that lies at height z, its corner of least x and y at (x, y), m."""
     right, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    return Card(corner=np.array([x, y, z]), right=right, up=up, **attributes)
+    return Billboard(corner=np.array([x, y, z]), right=right, up=up, **attributes)
 
 
-class CardWorld:
-    """Cards in front of other surfaces.
+class BillboardWorld:
+    """Billboards in front of other surfaces.
 
     Args:
-        cards: The cards.
+        billboards: The billboards.
         photos: Their pictures, as radiance, 1 is white.
         behind: What is seen between them.
         waves: Noise for the slopes of what glints.
@@ -124,38 +128,38 @@ class CardWorld:
 
     def __init__(
         self,
-        cards: Sequence[Card],
+        billboards: Sequence[Billboard],
         photos: TileAtlas,
         behind: Surfaces,
         waves: TileAtlas | None = None,
         time_s: float = 0.0,
     ) -> None:
-        self._still = tuple(cards)
-        self._cards = tuple(card.at(time_s) for card in cards)
+        self._billboards_at_start = tuple(billboards)
+        self._billboards = tuple(billboard.at(time_s) for billboard in billboards)
         self._photos = photos
         self._behind = behind
         self._waves = waves
         self._time_s = time_s
 
     def at(self, time_s: float) -> Self:
-        """The cards where they then are."""
+        """The billboards where they then are."""
         behind = self._behind.at(time_s)
-        return type(self)(self._still, self._photos, behind, self._waves, time_s)
+        return type(self)(self._billboards_at_start, self._photos, behind, self._waves, time_s)
 
     def cast(self, origins: FloatMap, directions: FloatMap) -> Hits:
         """Follows N rays, (N, 3) origins and unit directions, to the first surface."""
         hits = self._behind.cast(origins, directions)
         nearest, triangle = hits.range_m.copy(), hits.triangle.copy()
-        for number, card in enumerate(self._cards):
-            start, step = card.across(origins, directions)
+        for number, billboard in enumerate(self._billboards):
+            start, step = billboard.to_billboard_axes(origins, directions)
             with np.errstate(divide="ignore", invalid="ignore"):
                 ranges = -start[:, 2] / step[:, 2]
             rows = np.flatnonzero((ranges > NEAREST_M) & (ranges < nearest))
             reach = ranges[rows]
             u, v = (start[rows, axis] + reach * step[rows, axis] for axis in (0, 1))
-            solid = card.solid(*card.swayed(u, v, self._time_s))
+            solid = billboard.stops_ray(*billboard.unsway(u, v, self._time_s))
             nearest[rows[solid]] = reach[solid]
-            triangle[rows[solid]] = FIRST_CARD + number
+            triangle[rows[solid]] = FIRST_BILLBOARD + number
         return Hits(range_m=nearest, triangle=triangle, barycentric=hits.barycentric)
 
     def radiance(
@@ -168,8 +172,8 @@ class CardWorld:
         ray_width_rad: float,
     ) -> FloatMap:
         """Brightness at the end of each ray, linear, 1 is white; arguments as `World.radiance`."""
-        on_card = np.isfinite(hits.range_m) & (hits.triangle >= FIRST_CARD)
-        rest = np.flatnonzero(~on_card)
+        on_billboard = np.isfinite(hits.range_m) & (hits.triangle >= FIRST_BILLBOARD)
+        rest = np.flatnonzero(~on_billboard)
         radiance = np.empty(len(directions), dtype=np.float32)
         behind = Hits(
             range_m=hits.range_m[rest],
@@ -183,30 +187,34 @@ class CardWorld:
             path_m=path_m[rest],
             ray_width_rad=ray_width_rad,
         )
-        for number, card in enumerate(self._cards):
-            rows = np.flatnonzero(on_card & (hits.triangle == FIRST_CARD + number))
+        for number, billboard in enumerate(self._billboards):
+            rows = np.flatnonzero(on_billboard & (hits.triangle == FIRST_BILLBOARD + number))
             if len(rows):
-                start, step = card.across(origins[rows], directions[rows])
+                start, step = billboard.to_billboard_axes(origins[rows], directions[rows])
                 place = start + step * hits.range_m[rows, None]
                 slant = np.sqrt(np.abs(step[:, 2]).clip(0.02))
-                radiance[rows] = self._shade(
-                    card, place, step, path_m[rows] * ray_width_rad / slant
+                radiance[rows] = self._shade_billboard(
+                    billboard, place, step, path_m[rows] * ray_width_rad / slant
                 )
         return radiance
 
-    def _shade(self, card: Card, place: FloatMap, step: FloatMap, footprint: FloatMap) -> FloatMap:
-        """(N,) radiance at (N, 3) places for rays (N, 3), both in the card's axes."""
-        u, v = card.swayed(place[:, 0], place[:, 1], self._time_s)
-        fine = np.float32(TEXEL_M / card.texel_m)
-        tone = self._photos.sample(u * fine, v * fine, card.photo, footprint * fine)
+    def _shade_billboard(
+        self, billboard: Billboard, place: FloatMap, step: FloatMap, footprint: FloatMap
+    ) -> FloatMap:
+        """(N,) radiance at (N, 3) places for rays (N, 3), both in the billboard's axes."""
+        u, v = billboard.unsway(place[:, 0], place[:, 1], self._time_s)
+        fine = np.float32(TEXEL_M / billboard.texel_m)
+        tone = self._photos.sample(u * fine, v * fine, billboard.photo, footprint * fine)
         tone = np.clip(tone, 0, 1)
-        if card.gloss and self._waves is not None:
-            tone = tone + card.gloss * self._glint(card, self._waves, u, v, step, footprint)
+        if billboard.gloss and self._waves is not None:
+            tone = tone + billboard.gloss * self._glint_brightness(
+                billboard, self._waves, u, v, step, footprint
+            )
         return np.asarray(tone, dtype=np.float32)
 
-    def _glint(
+    def _glint_brightness(
         self,
-        card: Card,
+        billboard: Billboard,
         waves: TileAtlas,
         u: FloatMap,
         v: FloatMap,
@@ -214,8 +222,8 @@ class CardWorld:
         footprint: FloatMap,
     ) -> FloatMap:
         """(N,) bright where a wavelet mirrors the lamp towards the camera."""
-        axes = np.array([card.right, card.up, card.normal], dtype=np.float32)
-        half = axes @ card.lamp.astype(np.float32) - step
+        axes = np.array([billboard.right, billboard.up, billboard.normal], dtype=np.float32)
+        half = axes @ billboard.lamp.astype(np.float32) - step
         slopes = half[:, :2] / np.maximum(np.abs(half[:, 2:]), 1e-3)
         passed = np.float32(0.2 * self._time_s)
         tilt_u = WAVES_SLOPE * waves.sample(u / WAVELET_M, v, GRAIN, footprint)
@@ -224,7 +232,7 @@ class CardWorld:
         return np.asarray(np.exp(-off / (2 * SPARKLE**2)))
 
 
-def _read(cover: FloatMap, x: FloatMap, y: FloatMap) -> FloatMap:
+def _read_cover(cover: FloatMap, x: FloatMap, y: FloatMap) -> FloatMap:
     """The cover between its pixels, linearly; any number of places."""
     width = 1024
     spare = -len(x) % width

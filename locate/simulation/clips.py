@@ -19,9 +19,9 @@ from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import spoiled
 from locate.simulation.photo_scenes import photo_take
 from locate.simulation.rough import POSE_ERROR_DEG as ROUGH_ERROR_DEG
-from locate.simulation.rough import roughened
+from locate.simulation.rough import degrade_capture
 from locate.simulation.scene import CameraBlock, PathBlock, Scene
-from locate.simulation.strays import strayed
+from locate.simulation.strays import randomise_sources
 
 FRAMES = 24
 ENDS = 4
@@ -45,7 +45,7 @@ def draw_clip_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = 
     """
     if leaks == "anywhere":
         amplitude_px = log_uniform(np.random.default_rng([seed, 17]), AMPLITUDE_PX)
-        return strayed(draw_clip_scene(seed, plume=False), amplitude_px, plume=plume)
+        return randomise_sources(draw_clip_scene(seed, plume=False), amplitude_px, plume=plume)
     rng = np.random.default_rng([seed, 12])
     drawn = bool(rng.random() > PLUME_FREE)
     scene = random_scene(
@@ -94,7 +94,7 @@ def make_photo_clip(
     take = photo_take(scene, photos)
     if rough:
         error_deg = log_uniform(scene.random(27), ROUGH_ERROR_DEG)
-        return measured(film(roughened(take)), scene.random(13), error_deg)
+        return measured(film(degrade_capture(take)), scene.random(13), error_deg)
     return measured(film(spoiled(take, nuisances, scene.random(24))), scene.random(13))
 
 

@@ -11,11 +11,11 @@ from detect.synthesis.raster import read_photo
 from geometry.arrays import FloatMap, GreyImage
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.simulation.cards import Card, CardWorld
+from locate.simulation.cards import Billboard, BillboardWorld
 from locate.simulation.formation import GAMMA
 from locate.simulation.paths import fly
 from locate.simulation.plume import PlumeField
-from locate.simulation.render import Renderer, Truth
+from locate.simulation.render import RenderedTruth, Renderer
 from locate.simulation.scene import Scene
 from locate.simulation.shutter import INSTANT, Shutter
 from locate.simulation.tiles import TILE_PX, TileAtlas, noise_tiles
@@ -33,8 +33,8 @@ class Take:
 
     Attributes:
         scene: The scene; `camera.radial` is a distortion that the chain is not told of.
-        photos: Pictures for the cards, in the order of their numbers.
-        cards: What stands or moves in the scene beside its objects.
+        photos: Pictures for the billboards, in the order of their numbers.
+        billboards: What stands or moves in the scene beside its objects.
         shutter: How long a frame takes, and how bright it comes out.
         coding: What storing the frames does to them.
         focal_factor: Of the focal length that the chain is told, over the true one.
@@ -42,7 +42,7 @@ class Take:
 
     scene: Scene
     photos: tuple[Path, ...] = ()
-    cards: tuple[Card, ...] = ()
+    billboards: tuple[Billboard, ...] = ()
     shutter: Shutter = INSTANT
     coding: Coding | None = None
     focal_factor: float = 1.0
@@ -60,7 +60,7 @@ class Footage:
     """
 
     images: list[GreyImage]
-    truths: list[Truth]
+    truths: list[RenderedTruth]
     trajectory: Trajectory
     amplitude_px: float
 
@@ -100,14 +100,14 @@ def surfaces(take: Take) -> Surfaces:
     """What a ray may meet."""
     scene = take.scene
     world = World(scene)
-    if not take.cards:
+    if not take.billboards:
         return world
     photos = TileAtlas(
         [photo_tile(path, scene.random(20, n)) for n, path in enumerate(take.photos)]
     )
-    glints = any(card.gloss for card in take.cards)
+    glints = any(billboard.gloss for billboard in take.billboards)
     waves = TileAtlas(noise_tiles(scene.random(21))) if glints else None
-    return CardWorld(take.cards, photos, world, waves)
+    return BillboardWorld(take.billboards, photos, world, waves)
 
 
 def _told(take: Take) -> Camera:

@@ -3,20 +3,20 @@
 import numpy as np
 
 from locate.simulation.scene import (
-    Box,
-    Cylinder,
-    Flat,
-    Ground,
+    BoxObject,
+    CylinderObject,
+    GroundObject,
     ImageBlock,
     PathBlock,
-    PipeRack,
-    Plume,
+    PipeRackObject,
+    PlanarPoint,
+    PlumeSpec,
     Point,
     Scene,
     SceneObject,
-    Tank,
+    TankObject,
     VideoBlock,
-    Wall,
+    WallObject,
 )
 
 WALLS = ("brick", "concrete", "block", "cladding")
@@ -57,9 +57,11 @@ def random_scene(
         jitter_m=0.015,
         jitter_deg=0.1,
     )
-    ground = Ground(kind="ground", material=str(rng.choice(["gravel", "asphalt", "concrete"])))
+    ground = GroundObject(
+        kind="ground", material=str(rng.choice(["gravel", "asphalt", "concrete"]))
+    )
     objects = [ground, *_walls(rng), *yard, *_tanks(rng), *_crates(rng), *_poles(rng)]
-    leak = Plume(
+    leak = PlumeSpec(
         source=source,
         radius_m=rng.uniform(0.1, 0.17),
         height_m=rng.uniform(3.0, 4.0),
@@ -86,7 +88,7 @@ def _leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
     match rng.integers(3):
         case 0:
             levels = (float(rng.uniform(1.0, 1.4)), float(rng.uniform(1.7, 2.2)))
-            rack = PipeRack(
+            rack = PipeRackObject(
                 kind="pipe_rack",
                 center=(x, y + 0.5),
                 length_m=rng.uniform(5, 9),
@@ -99,7 +101,7 @@ def _leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
             height = float(rng.uniform(0.9, 1.6))
             size = (float(rng.uniform(0.8, 1.6)), float(rng.uniform(0.8, 1.2)), height)
             below = [
-                Box(
+                BoxObject(
                     kind="box",
                     center=(x, y, height / 2),
                     size=size,
@@ -111,11 +113,13 @@ def _leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
         case _:
             height = float(rng.uniform(0.8, 1.4))
             below = [
-                Tank(kind="tank", center=(x, y), radius_m=rng.uniform(0.5, 0.8), height_m=height)
+                TankObject(
+                    kind="tank", center=(x, y), radius_m=rng.uniform(0.5, 0.8), height_m=height
+                )
             ]
             foot = height
     top = foot + float(rng.uniform(0.15, 0.35))
-    nozzle = Cylinder(
+    nozzle = CylinderObject(
         kind="cylinder", start=(x, y, foot - 0.02), end=(x, y, top), radius_m=0.1, material="steel"
     )
     return (x, y, top), [*below, nozzle]
@@ -126,7 +130,7 @@ def _walls(rng: np.random.Generator) -> list[SceneObject]:
     split = rng.uniform(-4, 4)
     back = rng.uniform(5.0, 8.0, 4)
     left, right = rng.uniform(11, 15, 2)
-    corners: list[tuple[Flat, Flat]] = [
+    corners: list[tuple[PlanarPoint, PlanarPoint]] = [
         ((-left, back[0]), (split, back[1])),
         ((split - 0.9, back[2]), (right, back[3])),
         ((-left, back[0]), (-left - 1.5, -3)),
@@ -137,7 +141,7 @@ def _walls(rng: np.random.Generator) -> list[SceneObject]:
     lowest = (7.0, 7.0, 4.5, 4.5)
     for (start, end), material, least in zip(corners, picks, lowest, strict=True):
         walls.append(
-            Wall(
+            WallObject(
                 kind="wall",
                 start=start,
                 end=end,
@@ -148,7 +152,7 @@ def _walls(rng: np.random.Generator) -> list[SceneObject]:
     low = min(back[0], back[1]) - 0.3
     height = float(rng.uniform(2.5, 4.5))
     walls.append(
-        Cylinder(
+        CylinderObject(
             kind="cylinder",
             start=(-left, low, height),
             end=(split, low, height),
@@ -164,7 +168,7 @@ def _tanks(rng: np.random.Generator) -> list[SceneObject]:
         if rng.random() < 0.75:
             center = (side * rng.uniform(3.8, 7.0), rng.uniform(2.4, 4.2))
             tanks.append(
-                Tank(
+                TankObject(
                     kind="tank",
                     center=center,
                     radius_m=rng.uniform(0.8, 1.5),
@@ -182,7 +186,7 @@ def _crates(rng: np.random.Generator) -> list[SceneObject]:
         x = rng.uniform(YARD_M / 2, 7) * rng.choice([-1, 1])
         y = rng.uniform(-2.2, 4.5)
         crates.append(
-            Box(
+            BoxObject(
                 kind="box",
                 center=(x, y, size[2] / 2),
                 size=(size[0], size[1], size[2]),
@@ -199,7 +203,7 @@ def _poles(rng: np.random.Generator) -> list[SceneObject]:
         x = rng.uniform(YARD_M, 9) * rng.choice([-1, 1])
         y = rng.uniform(0.5, 4.5)
         poles.append(
-            Cylinder(
+            CylinderObject(
                 kind="cylinder",
                 start=(x, y, 0),
                 end=(x, y, rng.uniform(3, 7)),

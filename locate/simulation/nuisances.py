@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
-from locate.simulation.cards import Card, lying, upright
+from locate.simulation.cards import Billboard, lay_billboard, stand_billboard
 from locate.simulation.coding import h264, jpeg
 from locate.simulation.filming import Take
 from locate.simulation.outlines import blob, bush, figure
@@ -23,13 +23,13 @@ HOW_MANY = (0.35, 0.35, 0.2, 0.1)
 
 def people(take: Take, rng: np.random.Generator) -> Take:
     """One to three people walk past, before or behind the plume."""
-    cards = []
+    billboards = []
     for _ in range(rng.integers(1, 4)):
         x, y = rng.uniform(-2.5, 2.5), rng.uniform(-4, 4)
         speed = rng.uniform(0.6, 1.8) * rng.choice([-1, 1])
         height = rng.uniform(1.5, 1.9)
-        cards.append(
-            upright(
+        billboards.append(
+            stand_billboard(
                 x - 0.8 * speed,
                 y,
                 0.0,
@@ -43,16 +43,16 @@ def people(take: Take, rng: np.random.Generator) -> Take:
                 sway_hz=rng.uniform(1.5, 2.2),
             )
         )
-    return _with_cards(take, cards)
+    return _add_billboards(take, billboards)
 
 
 def wind(take: Take, rng: np.random.Generator) -> Take:
     """Bushes and trees move in the wind, and perhaps a flag."""
-    cards = []
+    billboards = []
     for _ in range(rng.integers(2, 6)):
         size = rng.uniform(0.8, 3.5, 2)
-        cards.append(
-            upright(
+        billboards.append(
+            stand_billboard(
                 rng.uniform(-6, 4),
                 rng.uniform(-2, 5),
                 rng.uniform(-0.3, 2),
@@ -65,7 +65,7 @@ def wind(take: Take, rng: np.random.Generator) -> Take:
             )
         )
     if rng.random() < 0.5:
-        flag = upright(
+        flag = stand_billboard(
             rng.uniform(-4, 3),
             rng.uniform(-2, 4),
             rng.uniform(1.5, 4),
@@ -75,22 +75,22 @@ def wind(take: Take, rng: np.random.Generator) -> Take:
             sway_m=rng.uniform(0.03, 0.12),
             sway_hz=rng.uniform(1, 3),
         )
-        cards.append(flag)
-    return _with_cards(take, cards)
+        billboards.append(flag)
+    return _add_billboards(take, billboards)
 
 
 def glints(take: Take, rng: np.random.Generator) -> Take:
     """Wet patches on the ground and a shiny panel sparkle as the camera passes."""
-    cards = []
+    billboards = []
     for _ in range(rng.integers(1, 4)):
         width, depth = rng.uniform(1, 5, 2)
         at = rng.uniform(-5, 3), rng.uniform(-3, 4), rng.uniform(0.005, 0.02)
-        cards.append(_shiny(take, rng, lying(*at, size_m=(width, depth))))
+        billboards.append(_shiny(take, rng, lay_billboard(*at, size_m=(width, depth))))
     if rng.random() < 0.6:
         at = rng.uniform(-4, 3), rng.uniform(1, 4.5), rng.uniform(0, 2)
-        panel = upright(*at, size_m=(rng.uniform(0.5, 2), rng.uniform(0.5, 2)))
-        cards.append(_shiny(take, rng, panel))
-    return _with_cards(take, cards)
+        panel = stand_billboard(*at, size_m=(rng.uniform(0.5, 2), rng.uniform(0.5, 2)))
+        billboards.append(_shiny(take, rng, panel))
+    return _add_billboards(take, billboards)
 
 
 def rolling_shutter(take: Take, rng: np.random.Generator) -> Take:
@@ -172,24 +172,24 @@ def _any_photo(take: Take, rng: np.random.Generator) -> int:
     return int(rng.integers(len(take.photos)))
 
 
-def _with_cards(take: Take, cards: Sequence[Card]) -> Take:
-    return replace(take, cards=(*take.cards, *cards))
+def _add_billboards(take: Take, billboards: Sequence[Billboard]) -> Take:
+    return replace(take, billboards=(*take.billboards, *billboards))
 
 
 def _with_shutter(take: Take, **changes: Any) -> Take:
     return replace(take, shutter=replace(take.shutter, **changes))
 
 
-def _shiny(take: Take, rng: np.random.Generator, card: Card) -> Card:
-    """The card with a lamp where most of the camera's path sees its reflection."""
+def _shiny(take: Take, rng: np.random.Generator, billboard: Billboard) -> Billboard:
+    """The billboard with a lamp where most of the camera's path sees its reflection."""
     path = take.scene.path
     bearing = np.radians(path.start_deg + path.arc_deg / 2)
     flat = path.radius_m * np.array([np.cos(bearing), np.sin(bearing)])
-    view = card.corner - [path.target[0] + flat[0], path.target[1] + flat[1], path.height_m]
+    view = billboard.corner - [path.target[0] + flat[0], path.target[1] + flat[1], path.height_m]
     view = view / np.linalg.norm(view)
-    mirrored = view - 2 * (view @ card.normal) * card.normal + rng.normal(0, 0.15, 3)
+    mirrored = view - 2 * (view @ billboard.normal) * billboard.normal + rng.normal(0, 0.15, 3)
     return replace(
-        card,
+        billboard,
         photo=_any_photo(take, rng),
         texel_m=rng.uniform(0.004, 0.012),
         cover=blob(rng),

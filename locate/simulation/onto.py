@@ -14,9 +14,9 @@ from geometry.trajectory import Trajectory
 from locate.simulation.formation import area_mean, develop
 from locate.simulation.photos import PhotoSet
 from locate.simulation.plume import PlumeField, visible_percentile
-from locate.simulation.render import MASK_SHARE, NEGLIGIBLE_PX, Truth, apparent_shift
+from locate.simulation.render import MASK_SHARE, NEGLIGIBLE_PX, RenderedTruth, apparent_shift
 from locate.simulation.run import Progress, silent
-from locate.simulation.scene import ImageBlock, Plume, Scene
+from locate.simulation.scene import ImageBlock, PlumeSpec, Scene
 from locate.simulation.writer import FrameFolder, make_folder, write_summary, write_truth
 
 COARSE_PX = 8
@@ -120,7 +120,7 @@ class OntoRenderer:
         self._rays = camera.rays(camera.pixel_grid())
         self.amplitudes_px = [self._calibrate(field) for field in fields]
 
-    def truth(self, i: int) -> Truth:
+    def truth(self, i: int) -> RenderedTruth:
         """What is true of photo `i`."""
         depth = self._depth(i)
         w = np.zeros((*depth.shape, 2), dtype=np.float32)
@@ -128,7 +128,7 @@ class OntoRenderer:
             w += self._displacement(field, i, depth)
         weakest = min(self.amplitudes_px, default=0.0)
         mask = np.linalg.norm(w, axis=-1) > max(MASK_SHARE * weakest, NEGLIGIBLE_PX)
-        return Truth(displacement=w, mask=mask, depth=depth)
+        return RenderedTruth(displacement=w, mask=mask, depth=depth)
 
     def _displacement(self, field: PlumeField, i: int, depth: FloatMap) -> FloatMap:
         rotation = self._trajectory.rotations[i]
@@ -190,7 +190,7 @@ def _densified(pixels: FloatArray, inverse_depth: FloatArray, camera: Camera) ->
 def _in_turned_world(scene: Scene, photo_set: PhotoSet) -> Scene:
     """The scene for the world with Z up, as long as the photo set."""
 
-    def turned(plume: Plume) -> Plume:
+    def turned(plume: PlumeSpec) -> PlumeSpec:
         x, y, z = photo_set.target_from_photos(np.array(plume.source)).tolist()
         return plume.model_copy(update={"source": (x, y, z)})
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
-from locate.simulation.cards import Card, lying, upright
+from locate.simulation.cards import Billboard, lay_billboard, stand_billboard
 from locate.simulation.filming import Take
 from locate.simulation.outlines import blob, bush
-from locate.simulation.scene import Plume, Scene
+from locate.simulation.scene import PlumeSpec, Scene
 
 PICTURES = 6
 TEXEL_SHARE = (0.35, 1.2)
@@ -30,32 +30,35 @@ def photo_take(scene: Scene, photos: Sequence[Path]) -> Take:
     rng = scene.random(22)
     chosen = tuple(photos[i] for i in rng.choice(len(photos), PICTURES, replace=False))
     pixel_m = scene.path.radius_m / scene.camera.focal_px
-    cards = [*_backdrop(rng, pixel_m, scene.path.kind == "lawn_mower"), *_cut_outs(rng, pixel_m)]
+    billboards = [
+        *_backdrop(rng, pixel_m, scene.path.kind == "lawn_mower"),
+        *_cut_outs(rng, pixel_m),
+    ]
     plumes = tuple(_shared_flow(plume, scene.seed // SCENES_A_FLOW) for plume in scene.plumes)
     scene = scene.model_copy(update={"objects": (), "plumes": plumes})
-    return Take(scene=scene, photos=chosen, cards=tuple(cards))
+    return Take(scene=scene, photos=chosen, billboards=tuple(billboards))
 
 
-def _backdrop(rng: np.random.Generator, pixel_m: float, from_above: bool) -> list[Card]:
+def _backdrop(rng: np.random.Generator, pixel_m: float, from_above: bool) -> list[Billboard]:
     """A wall, perhaps with a nearer one beside it, and perhaps ground."""
     far = rng.uniform(2.5, 8)
     height = rng.uniform(2.5, 6) if rng.random() < 0.35 else 100.0
-    cards = [_wall(rng, pixel_m, (-60.0, far), (120.0, height))]
+    billboards = [_wall(rng, pixel_m, (-60.0, far), (120.0, height))]
     if rng.random() < 0.4:
         edge, near = rng.uniform(-2, 2), rng.uniform(1.0, far)
         size = (60.0, rng.uniform(2, 8))
         start = edge if rng.random() < 0.5 else edge - size[0]
-        cards.append(_wall(rng, pixel_m, (start, near), size, slant_deg=8))
+        billboards.append(_wall(rng, pixel_m, (start, near), size, slant_deg=8))
     if from_above or rng.random() < 0.65:
-        ground = lying(
+        ground = lay_billboard(
             0.0,
             0.0,
             rng.uniform(-0.6, 0.2),
             photo=int(rng.integers(PICTURES)),
             texel_m=pixel_m * log_uniform(rng, TEXEL_SHARE),
         )
-        cards.append(ground)
-    return cards
+        billboards.append(ground)
+    return billboards
 
 
 def _wall(
@@ -64,11 +67,11 @@ def _wall(
     start: tuple[float, float],
     size_m: tuple[float, float],
     slant_deg: float = 25.0,
-) -> Card:
+) -> Billboard:
     """A wall through the start's y where x is 0, turned there."""
     yaw_deg = rng.uniform(-slant_deg, slant_deg)
     x, y = start[0], start[1] + start[0] * np.tan(np.radians(yaw_deg))
-    return upright(
+    return stand_billboard(
         x,
         y,
         -2.0,
@@ -79,9 +82,9 @@ def _wall(
     )
 
 
-def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Card]:
+def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Billboard]:
     """Up to eight posters, patches, bushes and posts, before and behind the plume."""
-    cards = []
+    billboards = []
     for _ in range(rng.integers(0, 9)):
         cover = (None, blob(rng), bush(rng), None)[rng.integers(4)]
         width, height = rng.uniform(0.4, 3.0, 2)
@@ -90,7 +93,7 @@ def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Card]:
         x, y, z = rng.uniform(-6, 5), rng.uniform(-3.5, 6), rng.uniform(-0.4, 2.5)
         if abs(y) < 0.5:
             y += np.sign(y)
-        card = upright(
+        billboard = stand_billboard(
             x,
             y,
             z,
@@ -100,11 +103,11 @@ def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Card]:
             texel_m=pixel_m * log_uniform(rng, TEXEL_SHARE),
             cover=cover,
         )
-        cards.append(card)
-    return cards
+        billboards.append(billboard)
+    return billboards
 
 
-def _shared_flow(plume: Plume, flow_seed: int) -> Plume:
+def _shared_flow(plume: PlumeSpec, flow_seed: int) -> PlumeSpec:
     """The plume with a flow that several scenes share, as it costs more than all the rest."""
     if plume.flow_seed is not None:
         return plume

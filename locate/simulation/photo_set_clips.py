@@ -18,7 +18,7 @@ from locate.simulation.filming import Footage
 from locate.simulation.onto import OntoRenderer, displace, output_trajectory
 from locate.simulation.photos import PhotoSet
 from locate.simulation.plume import PlumeField
-from locate.simulation.scene import ImageBlock, Plume, Scene, VideoBlock
+from locate.simulation.scene import ImageBlock, PlumeSpec, Scene, VideoBlock
 
 PLUME_FREE = 0.4
 NOISE = (0.3, 2.0)
@@ -107,13 +107,13 @@ def _scaled(photos: PhotoSet, rng: np.random.Generator) -> PhotoSet:
 
 def _plume(
     photos: PhotoSet, trajectory: Trajectory, rng: np.random.Generator, flow_seed: int
-) -> Plume:
+) -> PlumeSpec:
     """A leak between the camera of a middle photo and what that shows there."""
     shape = np.random.default_rng([flow_seed, 32])
     count = len(trajectory)
     i = int(rng.integers(count // 4, count - count // 4))
     source = _place(photos.points_in_world, trajectory, i, rng)
-    return Plume(
+    return PlumeSpec(
         source=(float(source[0]), float(source[1]), float(source[2])),
         radius_m=shape.uniform(0.1, 0.17),
         height_m=shape.uniform(3.0, 4.0),

@@ -23,7 +23,7 @@ TRIAL_STRIDE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Truth:
+class RenderedTruth:
     """What is true of one frame.
 
     Attributes:
@@ -66,7 +66,7 @@ class Renderer:
         self._fine_rays = _rays(self.camera, scene.image.samples)
         self.amplitudes_px = [self._calibrate(field) for field in fields]
 
-    def render(self, i: int, *, with_plumes: bool = True) -> tuple[GreyImage, Truth]:
+    def render(self, i: int, *, with_plumes: bool = True) -> tuple[GreyImage, RenderedTruth]:
         """Frame `i` as the camera stores it, and the truth about it."""
         shape = self._fine_rays.shape[:2]
         samples = self._scene.image.samples
@@ -91,13 +91,13 @@ class Renderer:
         image = expose(radiance.reshape(shape), formation, self._scene.random(4, i))
         return image, self._truth(w.reshape(*shape, 2), along_axis.reshape(shape))
 
-    def _truth(self, w: FloatMap, depth: FloatMap) -> Truth:
+    def _truth(self, w: FloatMap, depth: FloatMap) -> RenderedTruth:
         """What is true of each pixel, from its parts: the mean of w, the lower median of depth."""
         samples = self._scene.image.samples
         displacement = area_mean(w, samples)
         weakest = min(self.amplitudes_px, default=0.0)
         size = np.linalg.norm(displacement, axis=-1)
-        return Truth(
+        return RenderedTruth(
             displacement=displacement,
             mask=size > max(MASK_SHARE * weakest, NEGLIGIBLE_PX),
             depth=np.sort(_blocks(depth, samples), axis=-1)[..., (samples**2 - 1) // 2],

@@ -14,20 +14,20 @@ from locate.simulation.nuisances import NUISANCES, spoiled
 from locate.simulation.scene import PathBlock
 
 POSE_ERROR_DEG = (0.02, 0.6)
-HOW_MANY = (1, 5)
+NUISANCE_COUNT = (1, 5)
 ARC_DEG = (20.0, 150.0)
 JITTER_M, JITTER_DEG = (0.02, 0.2), (0.3, 3.0)
 
 
-def roughened(take: Take) -> Take:
+def degrade_capture(take: Take) -> Take:
     """The take along a rougher path, with one to four nuisances."""
     rng = take.scene.random(26)
-    scene = take.scene.model_copy(update={"path": _rough_path(take.scene.path, rng)})
-    names = rng.choice(list(NUISANCES), rng.integers(*HOW_MANY), replace=False)
+    scene = take.scene.model_copy(update={"path": _degrade_path(take.scene.path, rng)})
+    names = rng.choice(list(NUISANCES), rng.integers(*NUISANCE_COUNT), replace=False)
     return spoiled(replace(take, scene=scene), [str(name) for name in names], rng)
 
 
-def _rough_path(path: PathBlock, rng: np.random.Generator) -> PathBlock:
+def _degrade_path(path: PathBlock, rng: np.random.Generator) -> PathBlock:
     changes: dict[str, object] = {
         "jitter_m": log_uniform(rng, JITTER_M),
         "jitter_deg": log_uniform(rng, JITTER_DEG),

@@ -14,18 +14,18 @@ from geometry.refraction import MOLAR_MASS_KG
 from locate.simulation.materials import MATERIALS
 
 Point = tuple[float, float, float]
-Flat = tuple[float, float]
+PlanarPoint = tuple[float, float]
 Positive = Annotated[float, Field(gt=0)]
 SHORTEST_M = 1e-6
 
 
-class Block(BaseModel):
+class SceneBlock(BaseModel):
     """One mapping of the file: immutable, every number finite, and a misspelt key an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Document(Block):
+class SceneFile(SceneBlock):
     """A whole file."""
 
     @classmethod
@@ -55,7 +55,7 @@ class Document(Block):
         path.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
-class CameraBlock(Block):
+class CameraBlock(SceneBlock):
     """A pinhole camera, with one radial term where `radial` is not 0."""
 
     width: Annotated[int, Field(ge=32, le=8192)] = 640
@@ -72,7 +72,7 @@ class CameraBlock(Block):
         return Camera(model="SIMPLE_RADIAL", width=self.width, height=self.height, params=params)
 
 
-class VideoBlock(Block):
+class VideoBlock(SceneBlock):
     """Length and coding of the recording; `crf` counts for h264 alone."""
 
     frames: Annotated[int, Field(ge=1)] = 60
@@ -81,7 +81,7 @@ class VideoBlock(Block):
     crf: Annotated[int, Field(ge=0, le=51)] = 18
 
 
-class ImageBlock(Block):
+class ImageBlock(SceneBlock):
     """Image formation: samples x samples rays a pixel, lens blur, exposure gain, sensor noise."""
 
     samples: Annotated[int, Field(ge=1, le=4)] = 2
@@ -90,7 +90,7 @@ class ImageBlock(Block):
     noise: Annotated[float, Field(ge=0)] = 1.0
 
 
-class PathBlock(Block):
+class PathBlock(SceneBlock):
     """How the camera moves.
 
     `orbit` and `handheld` go round `target` on an arc; `approach` and `hover` look at it from the
@@ -114,7 +114,7 @@ class PathBlock(Block):
     jitter_deg: Annotated[float, Field(ge=0)] = 0.0
 
 
-class Textured(Block):
+class TexturedObject(SceneBlock):
     """Anything with a surface."""
 
     material: str = "concrete"
@@ -126,7 +126,7 @@ class Textured(Block):
         return self
 
 
-class Stretched(Textured):
+class StretchedObject(TexturedObject):
     """Anything that runs from `start` to `end`."""
 
     start: tuple[float, ...]
@@ -139,7 +139,7 @@ class Stretched(Textured):
         return self
 
 
-class Ground(Textured):
+class GroundObject(TexturedObject):
     """The square floor at z = 0, centred on the origin."""
 
     kind: Literal["ground"]
@@ -147,18 +147,18 @@ class Ground(Textured):
     material: str = "gravel"
 
 
-class Wall(Stretched):
+class WallObject(StretchedObject):
     """An upright wall over the line from `start` to `end`."""
 
     kind: Literal["wall"]
-    start: Flat
-    end: Flat
+    start: PlanarPoint
+    end: PlanarPoint
     height_m: Positive = 6.0
     thickness_m: Positive = 0.3
     material: str = "brick"
 
 
-class Box(Textured):
+class BoxObject(TexturedObject):
     """A box, turned about the vertical."""
 
     kind: Literal["box"]
@@ -167,7 +167,7 @@ class Box(Textured):
     yaw_deg: float = 0.0
 
 
-class Cylinder(Stretched):
+class CylinderObject(StretchedObject):
     """A round bar, pipe or drum with flat ends."""
 
     kind: Literal["cylinder"]
@@ -177,11 +177,11 @@ class Cylinder(Stretched):
     material: str = "paint"
 
 
-class PipeRack(Textured):
+class PipeRackObject(TexturedObject):
     """Columns, beams and `pipes` pipes on each level, along the x axis turned by `yaw_deg`."""
 
     kind: Literal["pipe_rack"]
-    center: Flat = (0.0, 0.0)
+    center: PlanarPoint = (0.0, 0.0)
     length_m: Positive = 8.0
     width_m: Positive = 1.4
     levels_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.6, 2.6)
@@ -190,22 +190,23 @@ class PipeRack(Textured):
     material: str = "paint"
 
 
-class Tank(Textured):
+class TankObject(TexturedObject):
     """An upright storage tank with a lid, a ladder and a guard rail."""
 
     kind: Literal["tank"]
-    center: Flat
+    center: PlanarPoint
     radius_m: Positive = 1.5
     height_m: Positive = 4.0
     material: str = "plate"
 
 
 SceneObject = Annotated[
-    Ground | Wall | Box | Cylinder | PipeRack | Tank, Field(discriminator="kind")
+    GroundObject | WallObject | BoxObject | CylinderObject | PipeRackObject | TankObject,
+    Field(discriminator="kind"),
 ]
 
 
-class Plume(Block):
+class PlumeSpec(SceneBlock):
     """A plume that leaves an upright exit of `radius_m` at `source`.
 
     Its strength is either `amplitude_px` (95th percentile of |w| over the plume's image footprint,
@@ -233,7 +234,7 @@ class Plume(Block):
         return self
 
 
-class Scene(Document):
+class Scene(SceneFile):
     """A simulated recording: everything that `simulate` needs, and its seed."""
 
     seed: Annotated[int, Field(ge=0)] = 0
@@ -242,10 +243,10 @@ class Scene(Document):
     image: ImageBlock = ImageBlock()
     path: PathBlock = PathBlock()
     sky: bool = True
-    sun_deg: Flat = (-60.0, 48.0)
-    wind_mps: Flat = (0.0, 0.0)
+    sun_deg: PlanarPoint = (-60.0, 48.0)
+    wind_mps: PlanarPoint = (0.0, 0.0)
     objects: tuple[SceneObject, ...] = ()
-    plumes: tuple[Plume, ...] = ()
+    plumes: tuple[PlumeSpec, ...] = ()
 
     @model_validator(mode="after")
     def _size_fits_codec(self) -> Self:

@@ -8,7 +8,15 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from locate.simulation.materials import MATERIALS
-from locate.simulation.scene import Box, Cylinder, Ground, PipeRack, SceneObject, Tank, Wall
+from locate.simulation.scene import (
+    BoxObject,
+    CylinderObject,
+    GroundObject,
+    PipeRackObject,
+    SceneObject,
+    TankObject,
+    WallObject,
+)
 
 FACETS = 40
 
@@ -50,7 +58,7 @@ def build_soup(objects: tuple[SceneObject, ...]) -> Soup:
     for thing in objects:
         for solid in _solids(thing):
             material = list(MATERIALS).index(solid.material)
-            if isinstance(solid, Box):
+            if isinstance(solid, BoxObject):
                 _add_box(soup, solid, material, key)
             else:
                 _add_cylinder(soup, solid, material, key)
@@ -58,30 +66,30 @@ def build_soup(objects: tuple[SceneObject, ...]) -> Soup:
     return soup
 
 
-def _solids(thing: SceneObject) -> Iterator[Box | Cylinder]:
+def _solids(thing: SceneObject) -> Iterator[BoxObject | CylinderObject]:
     match thing:
-        case Box() | Cylinder():
+        case BoxObject() | CylinderObject():
             yield thing
-        case Ground():
+        case GroundObject():
             size = (thing.extent_m, thing.extent_m, 0.2)
-            yield Box(kind="box", center=(0, 0, -0.1), size=size, material=thing.material)
-        case Wall():
+            yield BoxObject(kind="box", center=(0, 0, -0.1), size=size, material=thing.material)
+        case WallObject():
             run = np.subtract(thing.end, thing.start)
             middle = np.add(thing.end, thing.start) / 2
-            yield Box(
+            yield BoxObject(
                 kind="box",
                 center=(middle[0], middle[1], thing.height_m / 2),
                 size=(float(np.hypot(*run)), thing.thickness_m, thing.height_m),
                 yaw_deg=float(np.degrees(np.arctan2(run[1], run[0]))),
                 material=thing.material,
             )
-        case PipeRack():
+        case PipeRackObject():
             yield from _pipe_rack(thing)
-        case Tank():
+        case TankObject():
             yield from _tank(thing)
 
 
-def _pipe_rack(rack: PipeRack) -> Iterator[Box | Cylinder]:
+def _pipe_rack(rack: PipeRackObject) -> Iterator[BoxObject | CylinderObject]:
     turn = Rotation.from_euler("z", rack.yaw_deg, degrees=True)
 
     def place(x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -94,7 +102,7 @@ def _pipe_rack(rack: PipeRack) -> Iterator[Box | Cylinder]:
     top = max(rack.levels_m)
     for x in bays:
         for y in (-rack.width_m / 2, rack.width_m / 2):
-            yield Box(
+            yield BoxObject(
                 kind="box",
                 center=place(x, y, top / 2),
                 size=(0.16, 0.16, top),
@@ -102,7 +110,7 @@ def _pipe_rack(rack: PipeRack) -> Iterator[Box | Cylinder]:
                 material="steel",
             )
         for level in rack.levels_m:
-            yield Box(
+            yield BoxObject(
                 kind="box",
                 center=place(x, 0, level - 0.09),
                 size=(0.14, rack.width_m + 0.3, 0.16),
@@ -113,7 +121,7 @@ def _pipe_rack(rack: PipeRack) -> Iterator[Box | Cylinder]:
         for i, y in enumerate(np.linspace(-0.42, 0.42, rack.pipes) * rack.width_m):
             radius = (0.11, 0.06, 0.085, 0.05)[(i + floor) % 4]
             half = rack.length_m / 2
-            yield Cylinder(
+            yield CylinderObject(
                 kind="cylinder",
                 start=place(-half, y, level + radius),
                 end=place(half, y, level + radius),
@@ -122,7 +130,7 @@ def _pipe_rack(rack: PipeRack) -> Iterator[Box | Cylinder]:
             )
             flange = place(0.3 * rack.length_m * (-1) ** i, y, level + radius)
             along = turn.apply([0.035, 0, 0])
-            yield Cylinder(
+            yield CylinderObject(
                 kind="cylinder",
                 start=tuple(np.subtract(flange, along).tolist()),
                 end=tuple(np.add(flange, along).tolist()),
@@ -131,16 +139,16 @@ def _pipe_rack(rack: PipeRack) -> Iterator[Box | Cylinder]:
             )
 
 
-def _tank(tank: Tank) -> Iterator[Box | Cylinder]:
+def _tank(tank: TankObject) -> Iterator[BoxObject | CylinderObject]:
     x, y = tank.center
-    yield Cylinder(
+    yield CylinderObject(
         kind="cylinder",
         start=(x, y, 0),
         end=(x, y, tank.height_m),
         radius_m=tank.radius_m,
         material=tank.material,
     )
-    yield Cylinder(
+    yield CylinderObject(
         kind="cylinder",
         start=(x, y, 0),
         end=(x, y, 0.15),
@@ -151,7 +159,7 @@ def _tank(tank: Tank) -> Iterator[Box | Cylinder]:
     top = tank.height_m
     for angle in np.linspace(0, 2 * np.pi, 10, endpoint=False):
         px, py = x + rim * np.cos(angle), y + rim * np.sin(angle)
-        yield Cylinder(
+        yield CylinderObject(
             kind="cylinder",
             start=(px, py, top),
             end=(px, py, top + 0.9),
@@ -160,7 +168,7 @@ def _tank(tank: Tank) -> Iterator[Box | Cylinder]:
         )
     out = tank.radius_m + 0.12
     for side in (-0.2, 0.2):
-        yield Cylinder(
+        yield CylinderObject(
             kind="cylinder",
             start=(x + side, y - out, 0.1),
             end=(x + side, y - out, top + 0.6),
@@ -168,7 +176,7 @@ def _tank(tank: Tank) -> Iterator[Box | Cylinder]:
             material="paint",
         )
     for z in np.arange(0.4, top, 0.35):
-        yield Cylinder(
+        yield CylinderObject(
             kind="cylinder",
             start=(x - 0.2, y - out, z),
             end=(x + 0.2, y - out, z),
@@ -177,7 +185,7 @@ def _tank(tank: Tank) -> Iterator[Box | Cylinder]:
         )
 
 
-def _add_box(soup: Soup, box: Box, material: int, key: int) -> None:
+def _add_box(soup: Soup, box: BoxObject, material: int, key: int) -> None:
     turn = Rotation.from_euler("z", box.yaw_deg, degrees=True).as_matrix()
     half = np.array(box.size) / 2
     for axis in range(3):
@@ -195,7 +203,7 @@ def _add_box(soup: Soup, box: Box, material: int, key: int) -> None:
             soup.add(corners, np.tile(turn @ normal, (4, 1)), frame, material, key)
 
 
-def _add_cylinder(soup: Soup, cylinder: Cylinder, material: int, key: int) -> None:
+def _add_cylinder(soup: Soup, cylinder: CylinderObject, material: int, key: int) -> None:
     start, end = np.array(cylinder.start), np.array(cylinder.end)
     axis = (end - start) / np.linalg.norm(end - start)
     e1 = np.cross(axis, [1.0, 0, 0] if abs(axis[0]) < 0.8 else [0, 1.0, 0])

@@ -10,13 +10,13 @@ from pydantic import Field
 from geometry.arrays import FloatArray
 from geometry.georeference import Georeference
 from geometry.trajectory import Trajectory
-from locate.simulation.scene import Block, Positive
+from locate.simulation.scene import Positive, SceneBlock
 
 NotNegative = Annotated[float, Field(ge=0)]
 LEVEL = 1e-6
 
 
-class Receiver(Block):
+class Receiver(SceneBlock):
     """How GPS and gimbal err.
 
     A fix errs by white noise of `white_m` and by a part that wanders: `wander_m` (one sigma),

@@ -16,7 +16,7 @@ from geometry.npz import save_arrays
 from geometry.trajectory import Trajectory
 from locate.recording.writer import H264, LOSSLESS, open_video
 from locate.simulation.plume import PlumeField
-from locate.simulation.render import Truth
+from locate.simulation.render import RenderedTruth
 from locate.simulation.scene import VideoBlock
 
 SCHEMA = "locate.truth/1"
@@ -73,7 +73,7 @@ def make_folder(folder: Path) -> None:
         raise BadInputError(f"{folder}: cannot be made a folder ({error})") from error
 
 
-def write_truth(folder: Path, index: int, truth: Truth) -> None:
+def write_truth(folder: Path, index: int, truth: RenderedTruth) -> None:
     """DIR/truth/{index:06d}.npz: displacement and depth as float16, mask as bool."""
     depth = np.where(truth.depth > LARGEST_HALF, np.inf, truth.depth).astype(np.float16)
     save_arrays(

@@ -21,7 +21,7 @@ from detect.synthesis.flows import (
     slopes,
     write_run,
 )
-from detect.synthesis.placement import Placement
+from detect.synthesis.placement import PlumePlacement
 from detect.synthesis.raster import photos_in
 from detect.synthesis.split import split_of_photo, split_of_run
 from detect.warp import pixel_grid
@@ -112,7 +112,7 @@ def test_vectors_turn_with_the_plume() -> None:
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     matrix = 1.5 * rotation @ np.diag([-1.0, 1.0])
     center = np.array([40.0, 28.0])
-    place = Placement(frame_from_cells=matrix, center_px=center)
+    place = PlumePlacement(frame_from_cells=matrix, center_px=center)
     found = place.displacement(potential, size_px=64, margin_px=0, drift_px=np.zeros(2))
     cells = (pixel_grid((64, 64)) - center) @ np.linalg.inv(matrix).T
     value = np.exp(-(cells[..., 0] ** 2) / 18 - cells[..., 1] ** 2 / 128)
@@ -206,7 +206,7 @@ def test_plumes_stand_everywhere_alike() -> None:
     size, total, count = 32, np.zeros((32, 32)), 1500
     for _ in range(count):
         potential = random_turbulence(rng)
-        place = Placement.random(
+        place = PlumePlacement.random(
             rng, potential, size_px=size, relative_length=1.5, visible=0.2
         )  # fmt: skip
         w = place.displacement(potential, size_px=size, margin_px=0, drift_px=np.zeros(2))

@@ -8,7 +8,7 @@ import numpy as np
 from detect.scores import auroc
 from detect.synthesis.camera import MARGIN_PX, Background, Optics, expose, naive_warp
 from detect.synthesis.flows import random_turbulence
-from detect.synthesis.placement import Placement
+from detect.synthesis.placement import PlumePlacement
 from detect.synthesis.raster import (
     as_background,
     canvas_side,
@@ -85,7 +85,7 @@ def separation(scenes: list[Background], *, naive: bool) -> float:
     for seed, scene in enumerate(scenes):
         rng = np.random.default_rng([9, seed])
         potential = random_turbulence(rng)
-        place = Placement.random(
+        place = PlumePlacement.random(
             rng, potential, size_px=SIZE, relative_length=2.0, visible=0.2
         )  # fmt: skip
         warp = 0.8 * place.displacement(

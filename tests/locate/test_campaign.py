@@ -11,7 +11,7 @@ from geometry.georeference.gravity import up_from_gimbal
 from locate.cli import app
 from locate.evaluation.truth import SceneTruth
 from locate.simulation import Campaign, Scene, simulate_campaign
-from locate.simulation.campaign import Flight, Site
+from locate.simulation.campaign import FlightPlan, ThermalSite
 from locate.simulation.paths import fly
 from locate.simulation.subtitles import Receiver, attitude_deg, write_subtitles
 from locate.telemetry import read_telemetry
@@ -126,7 +126,7 @@ def test_columns_stand_as_often_as_they_should():
     flights = [start | {"name": f"f{number}"} for number in range(600)]
     made = campaign(sites=[site], flights=flights, wind_mps=[0, 0])
     feet = [made.columns_of(number).get("s") for number in range(600)]
-    assert Site.model_validate(site).probability(13.0) == pytest.approx(0.65)
+    assert ThermalSite.model_validate(site).probability(13.0) == pytest.approx(0.65)
     assert np.mean([foot is not None for foot in feet]) == pytest.approx(0.65, abs=0.06)
     assert np.std([foot[0] for foot in feet if foot]) == pytest.approx(2.0, rel=0.15)
     assert campaign(sites=[site], flights=flights[:9]).columns_of(8) == made.columns_of(8)
@@ -160,7 +160,7 @@ def test_a_wrong_campaign_is_named(tmp_path, change, line):
 
 def test_a_flight_is_named_like_a_file():
     with pytest.raises(ValueError, match="pattern"):
-        Flight.model_validate(CAMPAIGN["flights"][0] | {"name": "../a"})
+        FlightPlan.model_validate(CAMPAIGN["flights"][0] | {"name": "../a"})
 
 
 def test_subtitles_without_a_gimbal(tmp_path):

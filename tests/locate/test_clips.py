@@ -8,7 +8,7 @@ from detect.registered.features import FEATURES
 from geometry.errors import BadInputError
 from locate.simulation import clips
 from locate.simulation.clips import draw_clip_scene, make_clip
-from locate.simulation.scene import Cylinder
+from locate.simulation.scene import CylinderObject
 
 STILL_AIR_SEED = 100_001
 
@@ -54,7 +54,7 @@ def test_plumes_leave_from_anywhere() -> None:
     exits, apart_m = [], []
     for scene in scenes:
         sources = [np.array(plume.source) for plume in scene.plumes]
-        ends = np.array([each.end for each in scene.objects if isinstance(each, Cylinder)])
+        ends = np.array([each.end for each in scene.objects if isinstance(each, CylinderObject)])
         exits += [float(np.linalg.norm(ends - at, axis=1).min()) for at in sources]
         apart_m += [np.linalg.norm(np.subtract(*sources)[:2]) for _ in sources[1:]]
     assert 0.1 < np.mean(np.array(exits) < 0.05) < 0.4

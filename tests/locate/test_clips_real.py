@@ -17,8 +17,8 @@ from locate.simulation.paths import fly
 from locate.simulation.photo_scenes import photo_take
 from locate.simulation.photo_set_clips import make_photo_set_clip
 from locate.simulation.photos import PhotoSet
-from locate.simulation.rough import roughened
-from locate.simulation.scene import CameraBlock, PathBlock, Plume, Scene, VideoBlock
+from locate.simulation.rough import degrade_capture
+from locate.simulation.scene import CameraBlock, PathBlock, PlumeSpec, Scene, VideoBlock
 
 COUNT, SIDE_PX, RANGE_M = 9, (128, 96), 10.0
 
@@ -63,13 +63,13 @@ def test_scenes_of_photos_keep_the_camera_and_share_flows(photos: tuple[Path, ..
     assert takes[0].scene.plumes[0].source == scenes[0].plumes[0].source
     flows = [take.scene.plumes[0].model_dump(exclude={"source", "amplitude_px"}) for take in takes]
     assert flows[0] == flows[1] != flows[2]
-    assert len({take.cards[0].photo for take in (photo_take(s, photos) for s in scenes)}) > 1
+    assert len({take.billboards[0].photo for take in (photo_take(s, photos) for s in scenes)}) > 1
 
 
 def test_rough_takes_stride_wider_and_shake_more(photos: tuple[Path, ...]) -> None:
     takes = [photo_take(draw_clip_scene(seed), photos) for seed in range(300, 330)]
-    rough = [roughened(take) for take in takes]
-    assert [one.scene.path for one in rough] == [roughened(take).scene.path for take in takes]
+    rough = [degrade_capture(take) for take in takes]
+    assert [one.scene.path for one in rough] == [degrade_capture(take).scene.path for take in takes]
     assert {one.scene.path.kind for one in rough} == {"approach", "handheld", "lawn_mower"}
     assert all(one.scene.path.jitter_m >= 0.02 for one in rough)
     rounds = [
@@ -144,11 +144,13 @@ def test_a_set_without_a_plume_is_a_negative(
 def test_a_plume_before_a_set_is_where_the_truth_says(
     photo_set: PhotoSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def column(*_arguments: object) -> Plume:
+    def column(*_arguments: object) -> PlumeSpec:
         eye = photo_set.trajectory.centers_in_world[COUNT // 2]
         x, y, z = (eye + 0.4 * (np.median(photo_set.points_in_world, axis=0) - eye)).tolist()
         source = (x, y, z - 1)
-        return Plume(kind="gaussian", source=source, radius_m=0.4, height_m=2.0, amplitude_px=1.0)
+        return PlumeSpec(
+            kind="gaussian", source=source, radius_m=0.4, height_m=2.0, amplitude_px=1.0
+        )
 
     monkeypatch.setattr(photo_set_clips, "PLUME_FREE", 0.0)
     monkeypatch.setattr(photo_set_clips, "RANGE_M", (RANGE_M, RANGE_M + 1e-6))

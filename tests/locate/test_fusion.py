@@ -20,22 +20,29 @@ from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.decide import cap_probability, empty_frames_notes, hidden_note
-from locate.simulation.evidence import NONE, Corruption, Truth, corrupted_views, orbit, random_truth
+from locate.simulation.evidence import (
+    NO_FAULTS,
+    ColumnTruth,
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
 from tests.locate.answers import plume as any_plume
 
 
-def as_column(truth: Truth) -> PlumeColumn:
+def as_column(truth: ColumnTruth) -> PlumeColumn:
     shape = (truth.height, truth.radius, truth.opening)
     return PlumeColumn(np.array([*truth.source, *truth.slope, *shape]))
 
 
 @pytest.fixture(scope="module")
-def truth() -> Truth:
-    return random_truth(np.random.default_rng(5))
+def truth() -> ColumnTruth:
+    return random_column(np.random.default_rng(5))
 
 
-def test_source_is_found_within_its_covariance(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(10, 60), np.random.default_rng(5))
+def test_source_is_found_within_its_covariance(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(10, 60), np.random.default_rng(5))
     fused = fuse(views)
     (plume,) = fused.plumes
     error = plume.source - truth.source
@@ -45,8 +52,8 @@ def test_source_is_found_within_its_covariance(truth: Truth) -> None:
     assert plume.probability > 0.99
 
 
-def test_the_level_is_drawn_without_the_plume_that_was_found(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(10, 60), np.random.default_rng(5))
+def test_the_level_is_drawn_without_the_plume_that_was_found(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(10, 60), np.random.default_rng(5))
     with_the_plume = NullLevel.from_views(
         views, views.volume(), np.random.default_rng(0), progress=lambda _: None
     )
@@ -54,8 +61,8 @@ def test_the_level_is_drawn_without_the_plume_that_was_found(truth: Truth) -> No
     assert np.median(levels) < 0.8 * with_the_plume.threshold(0.01)
 
 
-def test_same_seed_same_answer(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(6, 60), np.random.default_rng(0))
+def test_same_seed_same_answer(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(6, 60), np.random.default_rng(0))
     first, second = (fuse(views, seed=3).plumes for _ in range(2))
     assert [p.source.tolist() for p in first] == [p.source.tolist() for p in second]
 
@@ -63,12 +70,12 @@ def test_same_seed_same_answer(truth: Truth) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_clutter_alone_is_no_plume(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
-    views = corrupted_views(None, orbit(10, 60), rng, Corruption(false_blobs=1.0))
+    views = make_faulty_views(None, orbit_trajectory(10, 60), rng, EvidenceFaults(false_blobs=1.0))
     assert fuse(views).plumes == ()
 
 
-def test_true_column_scores_more_than_its_neighbours(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+def test_true_column_scores_more_than_its_neighbours(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     shifts = np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.8], [0, -0.8]])
     columns = [as_column(truth).shifted(shift) for shift in shifts]
     nats = score_columns(views, Columns.of(columns)).sum(axis=0)
@@ -76,8 +83,8 @@ def test_true_column_scores_more_than_its_neighbours(truth: Truth) -> None:
     assert nats[0] > 1.2 * nats[1:].max()
 
 
-def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+def test_evidence_of_a_plume_is_used_once(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     column = as_column(truth)
     left = mask_out(views, column)
     assert score_columns(left, column.alone).sum() < 0.1 * score_columns(views, column.alone).sum()
@@ -85,13 +92,14 @@ def test_evidence_of_a_plume_is_used_once(truth: Truth) -> None:
 
 
 def beside_each_other(
-    truth: Truth, shift_m: np.ndarray, arc_deg: float, strength: float = 1.0
-) -> tuple[Views, Truth]:
+    truth: ColumnTruth, shift_m: np.ndarray, arc_deg: float, strength: float = 1.0
+) -> tuple[Views, ColumnTruth]:
     """Views of a plume and of one so far from it and so much as strong, and the other's truth."""
     rng = np.random.default_rng(0)
     beside = replace(truth, source=truth.source + shift_m)
     first, other = (
-        corrupted_views(plume, orbit(8, arc_deg), rng, NONE) for plume in (truth, beside)
+        make_faulty_views(plume, orbit_trajectory(8, arc_deg), rng, NO_FAULTS)
+        for plume in (truth, beside)
     )
     both = replace(
         first,
@@ -101,13 +109,13 @@ def beside_each_other(
     return both, beside
 
 
-def between(truth: Truth, beside: Truth) -> PlumeColumn:
+def between(truth: ColumnTruth, beside: ColumnTruth) -> PlumeColumn:
     """A column over both."""
     radius = truth.radius + float(np.linalg.norm(truth.source - beside.source)) / 2
     return as_column(replace(truth, source=(truth.source + beside.source) / 2, radius=radius))
 
 
-def test_a_column_over_two_plumes_is_split(truth: Truth) -> None:
+def test_a_column_over_two_plumes_is_split(truth: ColumnTruth) -> None:
     both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60)
     parts = split_column(both, between(truth, beside), np.random.default_rng(0))
     assert len(parts) == 2
@@ -120,26 +128,26 @@ def test_a_column_over_two_plumes_is_split(truth: Truth) -> None:
 
 
 @pytest.mark.parametrize("radius", [0.15, 0.4])
-def test_a_column_over_one_plume_is_not_split(truth: Truth, radius: float) -> None:
+def test_a_column_over_one_plume_is_not_split(truth: ColumnTruth, radius: float) -> None:
     wide = replace(truth, radius=radius)
-    views = corrupted_views(wide, orbit(8, 60), np.random.default_rng(0), NONE)
+    views = make_faulty_views(wide, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     assert not split_column(views, as_column(wide), np.random.default_rng(0))
 
 
-def test_plumes_that_no_view_sees_apart_are_not_told_apart(truth: Truth) -> None:
+def test_plumes_that_no_view_sees_apart_are_not_told_apart(truth: ColumnTruth) -> None:
     both, beside = beside_each_other(truth, np.array([0, 1.0, 0]), 10)
     assert not split_column(both, between(truth, beside), np.random.default_rng(0))
 
 
-def test_where_the_displacement_turns_much_less_is_no_second_plume(truth: Truth) -> None:
+def test_where_the_displacement_turns_much_less_is_no_second_plume(truth: ColumnTruth) -> None:
     both, beside = beside_each_other(truth, np.array([1.0, 0, 0]), 60, strength=0.04)
     assert not split_column(both, between(truth, beside), np.random.default_rng(0))
 
 
-def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
+def test_a_gap_speaks_against_a_column_over_two_plumes(truth: ColumnTruth) -> None:
     beside = replace(truth, source=truth.source + np.array([1.6, 0, 0]))
     first, second = (
-        corrupted_views(plume, orbit(8, 60), np.random.default_rng(0), NONE)
+        make_faulty_views(plume, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
         for plume in (truth, beside)
     )
     loud = np.maximum(first.llr, second.llr)
@@ -151,10 +159,13 @@ def test_a_gap_speaks_against_a_column_over_two_plumes(truth: Truth) -> None:
 
 def test_three_plumes_are_three() -> None:
     truths = [
-        replace(random_truth(np.random.default_rng(k)), source=np.array([x, y, 0.0]))
+        replace(random_column(np.random.default_rng(k)), source=np.array([x, y, 0.0]))
         for k, (x, y) in enumerate([(-1.8, 0.3), (0.1, -0.6), (1.7, 0.6)])
     ]
-    seen = [corrupted_views(t, orbit(10, 60), np.random.default_rng(1), NONE) for t in truths]
+    seen = [
+        make_faulty_views(t, orbit_trajectory(10, 60), np.random.default_rng(1), NO_FAULTS)
+        for t in truths
+    ]
     views = replace(
         seen[0],
         llr=np.maximum.reduce([each.llr for each in seen]),
@@ -185,8 +196,8 @@ def test_errors_that_neighbouring_views_share_are_seen_and_widen_the_covariance(
     assert np.trace(shared.covariance) > 1.5 * np.trace(own.covariance)
 
 
-def test_base_reaches_down_to_the_ground(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+def test_base_reaches_down_to_the_ground(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     column = as_column(truth)
     (lifted,) = column.axis_points(np.array([0.3]))
     column = as_column(replace(truth, source=lifted, height=truth.height - 0.3))
@@ -208,8 +219,8 @@ def screened(views: Views, column: PlumeColumn, *, up_to: float, before: float) 
     return replace(views, llr=llr, inverse_depth=inverse_depth)
 
 
-def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     column = as_column(truth)
     base = locate_base(screened(views, column, up_to=0.9, before=0.8), column)
     assert base.hidden
@@ -218,8 +229,8 @@ def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: Truth) -> Non
     assert abs(base.height) < 2 * base.sigma
 
 
-def test_a_thin_nozzle_is_a_base_and_hides_nothing(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+def test_a_thin_nozzle_is_a_base_and_hides_nothing(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     column = as_column(truth)
     base = locate_base(screened(views, column, up_to=0.3, before=0.1), column)
     assert not base.hidden
@@ -253,8 +264,10 @@ def test_a_hidden_source_is_said_with_its_interval() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_answer_does_not_hang_on_the_scale_of_the_evidence(truth: Truth, factor: float) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(5))
+def test_answer_does_not_hang_on_the_scale_of_the_evidence(
+    truth: ColumnTruth, factor: float
+) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(5))
     scaled = replace(views, llr=np.clip(factor * views.llr, -1.5, 4))
     answers = []
     for each in (views, scaled):
@@ -267,8 +280,8 @@ def test_answer_does_not_hang_on_the_scale_of_the_evidence(truth: Truth, factor:
     assert 0.5 < sigmas[0] / sigmas[1] < 2
 
 
-def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1), NONE)
+def test_axis_of_a_shifted_column_is_pulled_back(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1), NO_FAULTS)
     column = as_column(truth).shifted(np.array([0.1, 0.0]))
     sightings = sight_axis(views, column)
     axis = estimate_axis(views.trajectory, column, sightings, views.unit)
@@ -278,8 +291,8 @@ def test_axis_of_a_shifted_column_is_pulled_back(truth: Truth) -> None:
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
 
 
-def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1), NONE)
+def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1), NO_FAULTS)
     column = as_column(truth)
     axis = estimate_axis(views.trajectory, column, sight_axis(views, column), views.unit)
     assert axis is not None
@@ -297,8 +310,8 @@ def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: Truth) -> Non
     np.testing.assert_allclose(wider - covariance, np.diag([0.01, 0, 0]), atol=1e-9)
 
 
-def test_a_search_that_strayed_is_left_out(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+def test_a_search_that_strayed_is_left_out(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     refined = refine_axis(views, as_column(truth))
     assert refined is not None
     _, axis = refined
@@ -312,8 +325,8 @@ def test_a_search_that_strayed_is_left_out(truth: Truth) -> None:
     assert mark_consistent([axis]).all()
 
 
-def test_the_source_hardly_hangs_on_the_seed_of_the_search(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1))
+def test_the_source_hardly_hangs_on_the_seed_of_the_search(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1))
     null = NullLevel(strongest=np.zeros(2), location=10.0, scale=1.0)
     plumes = [fuse(views, seed=seed, null=null).plumes[0] for seed in range(4)]
     scatter = np.std([plume.source for plume in plumes], axis=0)
@@ -334,8 +347,10 @@ def offsets_of(sightings: AxisSightings, rate: float, rng: np.random.Generator) 
 
 @pytest.fixture(scope="module")
 def seen() -> tuple[PlumeColumn, AxisSightings, Views]:
-    upright = replace(random_truth(np.random.default_rng(5)), slope=np.zeros(2))
-    views = corrupted_views(upright, orbit(16, 60), np.random.default_rng(0), NONE)
+    upright = replace(random_column(np.random.default_rng(5)), slope=np.zeros(2))
+    views = make_faulty_views(
+        upright, orbit_trajectory(16, 60), np.random.default_rng(0), NO_FAULTS
+    )
     column = as_column(upright)
     sightings = sight_axis(views, column)
     return column, replace(sightings, sigma_px=np.ones(len(sightings))), views
@@ -433,8 +448,8 @@ def test_sightings_know_how_shifts_and_poses_move_them(
         assert sightings.by_pose[row, k] == pytest.approx(slope, abs=15)
 
 
-def test_silence_is_not_sighted(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(8, 60), np.random.default_rng(0), NONE)
+def test_silence_is_not_sighted(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     column = as_column(truth)
     silent = views.llr.copy()
     silent[silent > 0] = 0.1
@@ -442,10 +457,10 @@ def test_silence_is_not_sighted(truth: Truth) -> None:
     assert len(sight_axis(replace(views, llr=silent), column)) == 0
 
 
-def test_wider_arc_is_surer(truth: Truth) -> None:
+def test_wider_arc_is_surer(truth: ColumnTruth) -> None:
     sigmas = []
     for arc in (20, 60):
-        views = corrupted_views(truth, orbit(10, arc), np.random.default_rng(2))
+        views = make_faulty_views(truth, orbit_trajectory(10, arc), np.random.default_rng(2))
         (plume,) = fuse(views).plumes
         sigmas.append(plume.principal_sigmas[0])
     assert sigmas[0] > 1.5 * sigmas[1]
@@ -466,8 +481,8 @@ def test_frames_without_evidence_are_counted() -> None:
     assert empty_frames_notes([mute], DetectorChoice.parse("registered-plain")) == []
 
 
-def test_the_axis_is_sought_in_the_core_of_a_plume(truth: Truth) -> None:
-    views = corrupted_views(truth, orbit(12, 60), np.random.default_rng(1), NONE)
+def test_the_axis_is_sought_in_the_core_of_a_plume(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1), NO_FAULTS)
     column = as_column(truth)
     width = views.llr.shape[2]
     beside = np.maximum(views.llr, np.roll(views.llr, width // 80, axis=2))

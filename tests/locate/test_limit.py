@@ -5,12 +5,12 @@ import pytest
 
 from detect.response import Response
 from locate.fusion.search.limit import AMPLITUDES_PX, detection_limit_px, expected_llr
-from locate.simulation.evidence import NONE, corrupted_views, orbit
+from locate.simulation.evidence import NO_FAULTS, make_faulty_views, orbit_trajectory
 
 
 @pytest.fixture(scope="module")
 def views():
-    return corrupted_views(None, orbit(6, 60), np.random.default_rng(0), NONE)
+    return make_faulty_views(None, orbit_trajectory(6, 60), np.random.default_rng(0), NO_FAULTS)
 
 
 def test_limit_rises_with_sigma(views) -> None:

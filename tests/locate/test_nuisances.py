@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from detect.warp import sample
-from locate.simulation.cards import FIRST_CARD, CardWorld, upright
+from locate.simulation.cards import FIRST_BILLBOARD, BillboardWorld, stand_billboard
 from locate.simulation.coding import h264, jpeg
 from locate.simulation.filming import Footage, Take, film
 from locate.simulation.nuisances import NUISANCES, some_nuisances, spoiled
@@ -53,8 +53,8 @@ def photo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def take(photo: Path) -> Take:
     """A photo wall, one of its pixels a pixel of the camera."""
-    wall = upright(-60, WALL_M - RANGE_M, -60, size_m=(120, 120), texel_m=PIXEL_M)
-    return Take(scene=SCENE, photos=(photo,), cards=(wall,))
+    wall = stand_billboard(-60, WALL_M - RANGE_M, -60, size_m=(120, 120), texel_m=PIXEL_M)
+    return Take(scene=SCENE, photos=(photo,), billboards=(wall,))
 
 
 def changed(take: Take, **changes: object) -> Take:
@@ -95,8 +95,10 @@ def test_a_plume_moves_the_photo_as_its_truth_says(take: Take) -> None:
 
 
 def test_who_walks_before_the_plume_hides_it(take: Take) -> None:
-    stands = upright(-1, -2, 0, size_m=(1, 4), texel_m=0.01, velocity_mps=np.array([3.0, 0, 0]))
-    footage = film(replace(changed(take, plumes=[PLUME]), cards=(*take.cards, stands)))
+    stands = stand_billboard(
+        -1, -2, 0, size_m=(1, 4), texel_m=0.01, velocity_mps=np.array([3.0, 0, 0])
+    )
+    footage = film(replace(changed(take, plumes=[PLUME]), billboards=(*take.billboards, stands)))
     first, last = footage.truths[0], footage.truths[-1]
     in_front = np.isclose(first.depth, RANGE_M - 2, atol=0.01)
     assert in_front.sum() > 500
@@ -108,8 +110,8 @@ def test_who_walks_before_the_plume_hides_it(take: Take) -> None:
 
 
 def test_wind_moves_what_sways_and_nothing_else(take: Take) -> None:
-    bush = upright(-1, 0, 1, size_m=(2, 2), texel_m=0.05, sway_m=0.2)
-    footage = film(replace(take, cards=(*take.cards, bush)))
+    bush = stand_billboard(-1, 0, 1, size_m=(2, 2), texel_m=0.05, sway_m=0.2)
+    footage = film(replace(take, billboards=(*take.billboards, bush)))
     far = footage.truths[0].depth > RANGE_M + 1
     one, other = footage.images[0], footage.images[2]
     inner = inner_part(far & (footage.truths[2].depth > RANGE_M + 1))
@@ -120,14 +122,16 @@ def test_wind_moves_what_sways_and_nothing_else(take: Take) -> None:
 def test_a_glint_depends_on_where_it_is_seen_from(photo: Path) -> None:
     noise = np.full((TILE_PX, TILE_PX), 0.3, np.float32)
     flat = TileAtlas([np.zeros((TILE_PX, TILE_PX), np.float32)])
-    card = upright(-5, 0, -5, size_m=(10, 10), gloss=1.0, lamp=np.array([0.0, -1, 0]))
+    billboard = stand_billboard(-5, 0, -5, size_m=(10, 10), gloss=1.0, lamp=np.array([0.0, -1, 0]))
     seen = {}
     for gloss in (0.0, 1.0):
-        world = CardWorld([replace(card, gloss=gloss)], TileAtlas([noise]), World(SCENE), flat)
+        world = BillboardWorld(
+            [replace(billboard, gloss=gloss)], TileAtlas([noise]), World(SCENE), flat
+        )
         eyes = np.array([[0, -5, 0], [2, -5, 0]], np.float32)
         rays = -eyes / np.linalg.norm(eyes, axis=1, keepdims=True)
         hits = world.cast(eyes, rays)
-        assert (hits.triangle == FIRST_CARD).all()
+        assert (hits.triangle == FIRST_BILLBOARD).all()
         seen[gloss] = world.radiance(
             eyes, rays, hits, path_m=hits.range_m, ray_width_rad=1e-3
         ).tolist()
@@ -138,13 +142,15 @@ def test_a_glint_depends_on_where_it_is_seen_from(photo: Path) -> None:
 
 @pytest.fixture
 def panning(take: Take) -> Take:
-    edge = upright(0, 2, -60, size_m=(60, 120), photo=1, texel_m=1.0)
+    edge = stand_billboard(0, 2, -60, size_m=(60, 120), photo=1, texel_m=1.0)
     made = changed(take, path=path_of(kind="orbit", arc_deg=12.0))
-    return replace(made, photos=(take.photos[0], take.photos[0]), cards=(*take.cards, edge))
+    return replace(
+        made, photos=(take.photos[0], take.photos[0]), billboards=(*take.billboards, edge)
+    )
 
 
 def edge_columns(footage: Footage, frame: int) -> np.ndarray:
-    """Where the near card begins, in each row."""
+    """Where the near billboard begins, in each row."""
     near = footage.truths[frame].depth < 8.6
     return np.asarray(near.argmax(axis=1), dtype=float)
 

@@ -6,20 +6,20 @@ import pytest
 from locate.fusion.axis.sightings import find_bending_sign, sight_axis
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.views import Views
-from locate.simulation.evidence import NONE, corrupted_views, orbit, random_truth
+from locate.simulation.evidence import NO_FAULTS, make_faulty_views, orbit_trajectory, random_column
 
 
 @pytest.fixture(scope="module")
 def column() -> PlumeColumn:
-    truth = random_truth(np.random.default_rng(5))
+    truth = random_column(np.random.default_rng(5))
     shape = (truth.height, truth.radius, truth.opening)
     return PlumeColumn(np.array([*truth.source, *truth.slope, *shape]))
 
 
 @pytest.fixture(scope="module")
 def views() -> Views:
-    truth = random_truth(np.random.default_rng(5))
-    return corrupted_views(truth, orbit(8, 60), np.random.default_rng(1), NONE)
+    truth = random_column(np.random.default_rng(5))
+    return make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(1), NO_FAULTS)
 
 
 def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: PlumeColumn) -> None:

@@ -24,8 +24,13 @@ from detect.calibration import logistic
 from geometry.arrays import FloatArray
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
-from locate.simulation.evidence import Truth, corrupted_views, orbit, random_truth
-from locate.simulation.scene import Plume
+from locate.simulation.evidence import (
+    ColumnTruth,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
+from locate.simulation.scene import PlumeSpec
 from tests.locate import answers
 
 NEAR, FAR = 0.1, 0.3
@@ -150,20 +155,20 @@ def test_scenes_share_flows_and_nothing_else() -> None:
 
 
 @pytest.fixture(scope="module")
-def truth() -> Truth:
-    return random_truth(np.random.default_rng(5))
+def truth() -> ColumnTruth:
+    return random_column(np.random.default_rng(5))
 
 
 @pytest.fixture(scope="module")
-def views(truth: Truth) -> Views:
-    return corrupted_views(truth, orbit(8, 60), np.random.default_rng(5))
+def views(truth: ColumnTruth) -> Views:
+    return make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(5))
 
 
-def leak_at(source: FloatArray, height_m: float) -> Plume:
-    return Plume(source=tuple(source.tolist()), height_m=height_m, amplitude_px=0.3)
+def leak_at(source: FloatArray, height_m: float) -> PlumeSpec:
+    return PlumeSpec(source=tuple(source.tolist()), height_m=height_m, amplitude_px=0.3)
 
 
-def test_the_strongest_column_stands_at_the_plume(views: Views, truth: Truth) -> None:
+def test_the_strongest_column_stands_at_the_plume(views: Views, truth: ColumnTruth) -> None:
     there = Place.of(leak_at(truth.source, truth.height), views.trajectory)
     assert there.range_m == pytest.approx(8.5, abs=1)
     null = chance(views)
@@ -174,7 +179,7 @@ def test_the_strongest_column_stands_at_the_plume(views: Views, truth: Truth) ->
     assert 3 * column.off < strongest(views, null, beside).off
 
 
-def test_silence_is_no_column(views: Views, truth: Truth) -> None:
+def test_silence_is_no_column(views: Views, truth: ColumnTruth) -> None:
     silent = replace(views, llr=np.zeros_like(views.llr))
     place = Place.of(leak_at(truth.source, truth.height), views.trajectory)
     null = NullLevel.from_draws([0.0, 1.0])

@@ -2,15 +2,21 @@ import numpy as np
 import pytest
 
 from locate.fusion.views import Views
-from locate.simulation.evidence import Corruption, Truth, corrupted_views, orbit, random_truth
+from locate.simulation.evidence import (
+    ColumnTruth,
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
 
 
 @pytest.fixture(scope="session")
-def truth() -> Truth:
-    return random_truth(np.random.default_rng(5))
+def truth() -> ColumnTruth:
+    return random_column(np.random.default_rng(5))
 
 
 @pytest.fixture(scope="session")
-def views(truth: Truth) -> Views:
+def views(truth: ColumnTruth) -> Views:
     rng = np.random.default_rng(5)
-    return corrupted_views(truth, orbit(12, 60), rng, Corruption(missed_views=0))
+    return make_faulty_views(truth, orbit_trajectory(12, 60), rng, EvidenceFaults(missed_views=0))

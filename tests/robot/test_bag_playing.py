@@ -20,7 +20,7 @@ from locate.messages.poses import NS
 from locate.messages.wiring import Wiring
 from locate.robot import LocatorSettings
 from locate.robot.bag_playing import locate_in_bag
-from locate.simulation.evidence import Truth
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import Oracle, moments
 
 UNDECIDED = LocatorSettings(lag=1, views_kept=16, null_draws=2, drift=False, views_a_decision=1000)
@@ -196,7 +196,7 @@ def test_bags_of_every_kind_are_played(kind: str, some: Views, tmp_path: Path) -
 
 
 def test_results_are_a_bag_that_other_readers_open(
-    views: Views, truth: Truth, tmp_path: Path
+    views: Views, truth: ColumnTruth, tmp_path: Path
 ) -> None:
     path = write_2(tmp_path / "bag", views, MCAP)
     output = tmp_path / "out"

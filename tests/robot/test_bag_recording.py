@@ -24,7 +24,7 @@ from locate.messages.wiring import Wiring
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording.bag import BagRecording
-from locate.simulation.evidence import orbit
+from locate.simulation.evidence import orbit_trajectory
 from tests.robot.test_bag_playing import MOUNT, MessageRecorder
 from tests.robot.test_next_view import plume
 
@@ -34,7 +34,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 
 @pytest.fixture(scope="module")
 def trajectory() -> Trajectory:
-    return orbit(COUNT, 20)
+    return orbit_trajectory(COUNT, 20)
 
 
 def pattern(i: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from locate.robot import LocatorSettings
 from locate.robot.control import NodeControl
 from locate.robot.dds import DdsNode, TopicNames
 from locate.robot.dds_transport import DdsTransport
-from locate.simulation.evidence import Truth
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import Oracle
 from tests.robot.test_bag_playing import MessageRecorder
 
@@ -158,7 +158,7 @@ def until_it_comes(node: DdsNode, robot: Robot, topic: str, message: Any, came: 
 
 
 def test_drive_ends_in_latched_markers_and_a_leak(
-    robot: Robot, node: DdsNode, views: Views, truth: Truth
+    robot: Robot, node: DdsNode, views: Views, truth: ColumnTruth
 ) -> None:
     drive = MessageRecorder(Stores.ROS2_JAZZY).drive(views)
     static = drive[0][2]

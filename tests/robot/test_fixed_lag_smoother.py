@@ -10,7 +10,7 @@ from locate.map.plume import Plume
 from locate.messages.poses import NS, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
-from locate.simulation.evidence import Truth
+from locate.simulation.evidence import ColumnTruth
 
 KEPT = 8
 
@@ -58,7 +58,7 @@ def begun(views: Views, plume: Plume, *, most: int = 32) -> FixedLagSmoother:
     return FixedLagSmoother(plume, first(views, KEPT), poses, SharedError.of([]), most=most)
 
 
-def test_more_views_make_the_axis_surer(views: Views, truth: Truth, found: Plume) -> None:
+def test_more_views_make_the_axis_surer(views: Views, truth: ColumnTruth, found: Plume) -> None:
     follower = begun(views, found)
     latest = found
     for i in range(KEPT, len(views)):

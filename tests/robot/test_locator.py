@@ -16,7 +16,7 @@ from locate.robot import Locator, LocatorSettings, PlumeUpdate, TrackState
 from locate.robot.engine import PlumeEngine
 from locate.robot.search import LocalPlumeSearch
 from locate.robot.window import FrameWindow, WindowFrame
-from locate.simulation.evidence import Truth
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import BLANK, Oracle, moments
 
 QUICK = LocatorSettings(lag=2, views_kept=16, null_draws=2, drift=False)
@@ -45,7 +45,7 @@ def driven(views: Views) -> tuple[Locator, list[PlumeUpdate]]:
 
 
 def test_plume_is_confirmed_before_the_drive_ends(
-    driven: tuple[Locator, list[PlumeUpdate]], truth: Truth
+    driven: tuple[Locator, list[PlumeUpdate]], truth: ColumnTruth
 ) -> None:
     locator, news = driven
     first = next(update for update in news if update.state is TrackState.CONFIRMED)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from locate.fusion.views import Views
 from locate.messages.poses import NS
 from locate.messages.transforms import ros_covariance
-from locate.simulation.evidence import Truth
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import Moment, Oracle, moments
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -193,7 +193,7 @@ def robot(views: Views) -> Iterator[Robot]:
 
 
 def test_drive_ends_in_latched_markers_and_a_leak(
-    robot: Robot, truth: Truth, tmp_path: Path
+    robot: Robot, truth: ColumnTruth, tmp_path: Path
 ) -> None:
     diagnostics = robot.listen("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics", 10)
     robot.send_info()

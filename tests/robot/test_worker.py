@@ -14,7 +14,7 @@ from locate.robot import Locator, LocatorSettings, TrackState
 from locate.robot.drift import SharedError
 from locate.robot.search import LocalPlumeSearch
 from locate.robot.worker import DetectorWorker, PlumeSearchWorker
-from locate.simulation.evidence import Truth
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import BLANK, Oracle, moments
 
 QUICK = LocatorSettings(lag=2, views_kept=16, null_draws=2, drift=False)
@@ -115,7 +115,7 @@ def test_process_ends_when_nobody_is_left_to_ask(process: PlumeSearchWorker) -> 
     assert process._search._process.wait(timeout=20) == 0
 
 
-def test_plume_is_confirmed_by_threads_and_a_process(views: Views, truth: Truth) -> None:
+def test_plume_is_confirmed_by_threads_and_a_process(views: Views, truth: ColumnTruth) -> None:
     news = []
     with Locator(views.trajectory.camera, settings=QUICK, detector=Oracle(views)) as locator:
         for moment in moments(views):
