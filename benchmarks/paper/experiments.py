@@ -40,9 +40,9 @@ from detect.synthesis.camera import MARGIN_PX, OVERSAMPLING, Background, Optics,
 from detect.synthesis.flows import CELL_M, CELLS, Source, slopes
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 from locate.export.pictures import displacement_picture
+from locate.simulation.camera_paths import fly
 from locate.simulation.layouts import random_scene
-from locate.simulation.paths import fly
-from locate.simulation.plume import PlumeField
+from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import Renderer
 from locate.simulation.scene import (
     BoxObject,
@@ -55,7 +55,7 @@ from locate.simulation.scene import (
     WallObject,
 )
 from locate.simulation.shutter import INSTANT, Shutter
-from locate.simulation.world import World
+from locate.simulation.surfaces import World
 
 PLUME_PX, STILL_PX, MASK_NATS = 0.06, 0.02, 2.0
 BESIDE_PX = 16

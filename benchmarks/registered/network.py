@@ -54,8 +54,8 @@ def name_of(amplitude_px: float, noise: float) -> str:
 
 
 def render(options: argparse.Namespace) -> None:
+    from locate.simulation.capture import Take, film
     from locate.simulation.clips import draw_clip_scene, measured
-    from locate.simulation.filming import Take, film
 
     for seed in range(FIRST_SEED, FIRST_SEED + options.scenes):
         for amplitude_px, noise in CONDITIONS:

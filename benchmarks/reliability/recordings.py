@@ -45,7 +45,7 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.decide import cap_probability
 from locate.simulation import scene as simulated
-from locate.simulation.filming import Take
+from locate.simulation.capture import Take
 from locate.simulation.layouts import random_scene
 
 SEEDS = range(320_000, 320_100)

@@ -28,7 +28,7 @@ from locate.robot.engine import NEW_SHARE
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.robot.next_view import rank
 from locate.robot.settings import LocatorSettings
-from locate.simulation.paths import look_at
+from locate.simulation.camera_paths import look_at
 
 GOAL_M = 0.05
 FIRST_VIEWS, MOST_VIEWS = 8, 40

@@ -27,10 +27,10 @@ from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.simulation import Scene, random_scene
-from locate.simulation.filming import Take
+from locate.simulation.capture import Take
 from locate.simulation.nuisances import NUISANCES, spoiled
 from locate.simulation.photo_scenes import PICTURES
-from locate.simulation.run import record
+from locate.simulation.recording import record
 from locate.simulation.scene import CylinderObject
 
 KINDS = ("leak", "pair", "clean")

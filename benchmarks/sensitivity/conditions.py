@@ -45,12 +45,12 @@ from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
 from locate.fusion.views import Views
+from locate.simulation.camera_paths import fly
+from locate.simulation.capture import Take, film
 from locate.simulation.clips import disturbed
-from locate.simulation.coding import h264
-from locate.simulation.filming import Take, film
+from locate.simulation.compression import h264
 from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import NUISANCES, spoiled
-from locate.simulation.paths import fly
 from locate.simulation.scene import CameraBlock, Scene
 from locate.simulation.writer import LARGEST_HALF
 

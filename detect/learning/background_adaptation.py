@@ -14,7 +14,7 @@ from detect.dybs.estimator import SingleFrameEstimator
 from detect.learning.dybs_calibration import PLUME_PX, calibrate, labels_of
 from detect.scores import auroc
 from detect.synthesis import Sample, Shard
-from detect.synthesis.own import HALF, hazy_samples, own_samples
+from detect.synthesis.own_images import HALF, hazy_samples, own_samples
 from geometry.arrays import GreyImage
 
 HELD_OUT = 5

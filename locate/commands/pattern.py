@@ -36,8 +36,8 @@ def pattern(
     seed: Annotated[int, typer.Option(min=0, help="Of perlin and squares.")] = 0,
 ) -> None:
     """Print a background for `locate bos`: give --period-mm, or period in px, range and focal."""
-    from detect.synthesis.printed import pattern as draw
-    from detect.synthesis.printed import printed
+    from detect.synthesis.printed_page import pattern as draw
+    from detect.synthesis.printed_page import printed
     from locate.printing.sheet import paper_mm, write_sheet
 
     period = find_period_mm(period_mm, period_px, range_m, focal)

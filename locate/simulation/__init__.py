@@ -2,8 +2,8 @@
 
 from locate.simulation.campaign import Campaign, is_campaign, simulate_campaign
 from locate.simulation.layouts import random_scene
-from locate.simulation.onto import render_onto
-from locate.simulation.run import simulate
+from locate.simulation.photo_overlay import render_onto
+from locate.simulation.recording import simulate
 from locate.simulation.scene import Scene
 
 __all__ = [

@@ -12,8 +12,8 @@ from geometry.arrays import FloatArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
-from locate.simulation.paths import fly
-from locate.simulation.run import Progress, silent, simulate
+from locate.simulation.camera_paths import fly
+from locate.simulation.recording import Progress, silent, simulate
 from locate.simulation.scene import (
     CameraBlock,
     ImageBlock,

@@ -14,14 +14,14 @@ from detect.registered.features import features
 from detect.synthesis.sample import log_uniform
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.simulation.filming import Footage, Take, film
+from locate.simulation.capture import Footage, Take, film
+from locate.simulation.capture_degradation import POSE_ERROR_DEG as ROUGH_ERROR_DEG
+from locate.simulation.capture_degradation import degrade_capture
 from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import spoiled
 from locate.simulation.photo_scenes import photo_take
-from locate.simulation.rough import POSE_ERROR_DEG as ROUGH_ERROR_DEG
-from locate.simulation.rough import degrade_capture
+from locate.simulation.randomised_sources import randomise_sources
 from locate.simulation.scene import CameraBlock, PathBlock, Scene
-from locate.simulation.strays import randomise_sources
 
 FRAMES = 24
 ENDS = 4
@@ -88,7 +88,7 @@ def make_photo_clip(
         leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seed.
         nuisances: Their names.
-        rough: Whether it is filmed as `locate.simulation.rough` says, its poses worse.
+        rough: Whether it is filmed as `degrade_capture` does it, its poses worse.
     """
     scene = draw_clip_scene(seed, leaks=leaks, plume=plume)
     take = photo_take(scene, photos)

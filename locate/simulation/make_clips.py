@@ -20,8 +20,8 @@ from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
 from locate.simulation.clips import draw_clip_scene, make_photo_clip
 from locate.simulation.nuisances import some_nuisances
+from locate.simulation.photo_set import PhotoSet
 from locate.simulation.photo_set_clips import make_photo_set_clip
-from locate.simulation.photos import PhotoSet
 
 CLIPS_PER_FLOW = 4
 
@@ -45,7 +45,7 @@ def write_photo_clips(
         leaks: Where plumes leave.
         plume: Whether there is one; None leaves that to the seeds.
         nuisances: Their names; None draws a few for each clip.
-        rough: Whether they are filmed as `locate.simulation.rough` says, with its own nuisances.
+        rough: Whether they are filmed as `degrade_capture` does it, with its own nuisances.
     """
     for seed in seeds:
         if clip_path(folder, seed).exists():

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
-from locate.simulation.cards import Billboard, lay_billboard, stand_billboard
-from locate.simulation.coding import h264, jpeg
-from locate.simulation.filming import Take
+from locate.simulation.billboards import Billboard, lay_billboard, stand_billboard
+from locate.simulation.capture import Take
+from locate.simulation.compression import h264, jpeg
 from locate.simulation.outlines import blob, bush, figure
 
 Nuisance = Callable[[Take, np.random.Generator], Take]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
-from locate.simulation.cards import Billboard, lay_billboard, stand_billboard
-from locate.simulation.filming import Take
+from locate.simulation.billboards import Billboard, lay_billboard, stand_billboard
+from locate.simulation.capture import Take
 from locate.simulation.outlines import blob, bush
 from locate.simulation.scene import PlumeSpec, Scene
 

@@ -13,11 +13,11 @@ from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.recording.images import bending
+from locate.simulation.capture import Footage
 from locate.simulation.clips import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, clip_of_frames
-from locate.simulation.filming import Footage
-from locate.simulation.onto import OntoRenderer, displace, output_trajectory
-from locate.simulation.photos import PhotoSet
-from locate.simulation.plume import PlumeField
+from locate.simulation.photo_overlay import OntoRenderer, displace, output_trajectory
+from locate.simulation.photo_set import PhotoSet
+from locate.simulation.plume_field import PlumeField
 from locate.simulation.scene import ImageBlock, PlumeSpec, Scene, VideoBlock
 
 PLUME_FREE = 0.4

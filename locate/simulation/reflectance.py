@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from geometry.arrays import FloatMap
 from locate.simulation.materials import MATERIALS, Material
-from locate.simulation.tiles import CLOUDS, GRAIN, STONES, TileAtlas
+from locate.simulation.textures import CLOUDS, GRAIN, STONES, TileAtlas
 
 CLOUD_SCALE = 9.0
 PARAMETERS = np.array(

@@ -9,11 +9,11 @@ import numpy as np
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage, IntArray
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.simulation.formation import area_mean, expose
-from locate.simulation.plume import Bend, PlumeField, visible_percentile
+from locate.simulation.image_formation import area_mean, expose
+from locate.simulation.plume_field import Bend, PlumeField, visible_percentile
 from locate.simulation.scene import Scene
 from locate.simulation.shutter import INSTANT, Shutter, velocities
-from locate.simulation.world import Hits, Surfaces
+from locate.simulation.surfaces import Hits, Surfaces
 
 MASK_SHARE = 0.3
 NEGLIGIBLE_PX = 1e-4

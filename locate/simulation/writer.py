@@ -15,7 +15,7 @@ from geometry.errors import BadInputError
 from geometry.npz import save_arrays
 from geometry.trajectory import Trajectory
 from locate.recording.writer import H264, LOSSLESS, open_video
-from locate.simulation.plume import PlumeField
+from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import RenderedTruth
 from locate.simulation.scene import VideoBlock
 

@@ -26,7 +26,7 @@ from detect.learning.networks import PlumeNet, build
 from detect.learning.reread import read_network, revive_norms
 from detect.network import Network
 from detect.synthesis.camera import naive_warp
-from detect.synthesis.own import HALF, own_samples, sample_side
+from detect.synthesis.own_images import HALF, own_samples, sample_side
 from geometry.errors import BadInputError
 from locate.commands.adapt import adapt as command
 

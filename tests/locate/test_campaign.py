@@ -11,8 +11,8 @@ from geometry.georeference.gravity import up_from_gimbal
 from locate.cli import app
 from locate.evaluation.truth import SceneTruth
 from locate.simulation import Campaign, Scene, simulate_campaign
+from locate.simulation.camera_paths import fly
 from locate.simulation.campaign import FlightPlan, ThermalSite
-from locate.simulation.paths import fly
 from locate.simulation.subtitles import Receiver, attitude_deg, write_subtitles
 from locate.telemetry import read_telemetry
 

@@ -12,12 +12,12 @@ from geometry.errors import BadInputError
 from geometry.pose_files import write_colmap_model
 from geometry.trajectory import Trajectory
 from locate.simulation import clips, make_clips, photo_set_clips
+from locate.simulation.camera_paths import fly
+from locate.simulation.capture_degradation import degrade_capture
 from locate.simulation.clips import draw_clip_scene, make_photo_clip
-from locate.simulation.paths import fly
 from locate.simulation.photo_scenes import photo_take
+from locate.simulation.photo_set import PhotoSet
 from locate.simulation.photo_set_clips import make_photo_set_clip
-from locate.simulation.photos import PhotoSet
-from locate.simulation.rough import degrade_capture
 from locate.simulation.scene import CameraBlock, PathBlock, PlumeSpec, Scene, VideoBlock
 
 COUNT, SIDE_PX, RANGE_M = 9, (128, 96), 10.0

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from detect.warp import sample
-from locate.simulation.cards import FIRST_BILLBOARD, BillboardWorld, stand_billboard
-from locate.simulation.coding import h264, jpeg
-from locate.simulation.filming import Footage, Take, film
+from locate.simulation.billboards import FIRST_BILLBOARD, BillboardWorld, stand_billboard
+from locate.simulation.camera_paths import fly
+from locate.simulation.capture import Footage, Take, film
+from locate.simulation.compression import h264, jpeg
 from locate.simulation.nuisances import NUISANCES, some_nuisances, spoiled
-from locate.simulation.paths import fly
+from locate.simulation.recording import record
 from locate.simulation.render import Renderer
-from locate.simulation.run import record
 from locate.simulation.scene import Scene
 from locate.simulation.shutter import Shutter, velocities
-from locate.simulation.tiles import TILE_PX, TileAtlas
-from locate.simulation.world import World
+from locate.simulation.surfaces import World
+from locate.simulation.textures import TILE_PX, TileAtlas
 
 WIDTH, HEIGHT, FOCAL_PX, RANGE_M, WALL_M = 128, 96, 110.0, 6.0, 9.0
 PIXEL_M = WALL_M / FOCAL_PX

@@ -12,7 +12,7 @@ from geometry.trajectory import Trajectory
 from locate.pipeline.place import place_reconstruction
 from locate.pipeline.placement import Placement
 from locate.recording.index import KeyFrame, KeyFrames
-from locate.simulation.paths import fly
+from locate.simulation.camera_paths import fly
 from locate.simulation.scene import PathBlock, Scene, VideoBlock
 
 ORIGIN = Georeference(lat_deg=47.2, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)

@@ -12,13 +12,13 @@ from geometry.errors import BadInputError
 from geometry.refraction import gaussian_column_deflection, refractivity
 from geometry.trajectory import Trajectory
 from locate.simulation import Campaign, Scene, is_campaign, random_scene, render_onto, simulate
-from locate.simulation.onto import displace
-from locate.simulation.paths import fly
-from locate.simulation.photos import PhotoSet
-from locate.simulation.plume import PlumeField, visible_percentile
+from locate.simulation.camera_paths import fly
+from locate.simulation.photo_overlay import displace
+from locate.simulation.photo_set import PhotoSet
+from locate.simulation.plume_field import PlumeField, visible_percentile
 from locate.simulation.render import Renderer
 from locate.simulation.scene import ImageBlock
-from locate.simulation.world import World
+from locate.simulation.surfaces import World
 
 PLUME_M, WALL_M, RADIUS_M = 6.0, 12.0, 0.25
 WALL_FACE_M = WALL_M - 0.1
@@ -218,7 +218,7 @@ def test_flow_rises_and_stays_divergence_free():
 
 
 def test_buoyant_plume_moves_and_leans_with_the_wind(monkeypatch):
-    monkeypatch.setattr("locate.simulation.plume.CELLS", (20, 20, 32))
+    monkeypatch.setattr("locate.simulation.plume_field.CELLS", (20, 20, 32))
     plume = {"source": [0, 0, 1], "radius_m": 0.2, "height_m": 2.5, "amplitude_px": 1.0}
     made = scene(plumes=[plume], wind_mps=[0.3, 0.0])
     windy = renderer_of(made)

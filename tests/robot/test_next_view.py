@@ -4,7 +4,7 @@ import pytest
 from geometry.camera import Camera
 from locate.map.plume import Plume
 from locate.robot.next_view import rank
-from locate.simulation.paths import look_at
+from locate.simulation.camera_paths import look_at
 
 CAMERA = Camera.pinhole(320, 240, 280.0)
 MIDDLE = np.array([0.0, 0.0, 1.0])

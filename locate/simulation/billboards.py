@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
-from locate.simulation.tiles import GRAIN, TEXEL_M, TileAtlas
-from locate.simulation.world import Hits, Surfaces
+from locate.simulation.surfaces import Hits, Surfaces
+from locate.simulation.textures import GRAIN, TEXEL_M, TileAtlas
 
 FIRST_BILLBOARD = 2**31
 NEAREST_M = 0.05

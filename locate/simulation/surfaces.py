@@ -12,7 +12,7 @@ from geometry.open3d_loader import load_open3d
 from locate.simulation.reflectance import reflectance
 from locate.simulation.scene import Scene
 from locate.simulation.solids import build_soup
-from locate.simulation.tiles import CLOUDS, TileAtlas, noise_tiles
+from locate.simulation.textures import CLOUDS, TileAtlas, noise_tiles
 
 AMBIENT, SUNLIGHT = 0.25, 0.8
 SURFACE_M = 2e-3

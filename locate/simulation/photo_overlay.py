@@ -11,11 +11,11 @@ from scipy.ndimage import map_coordinates, spline_filter
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.simulation.formation import area_mean, develop
-from locate.simulation.photos import PhotoSet
-from locate.simulation.plume import PlumeField, visible_percentile
+from locate.simulation.image_formation import area_mean, develop
+from locate.simulation.photo_set import PhotoSet
+from locate.simulation.plume_field import PlumeField, visible_percentile
+from locate.simulation.recording import Progress, silent
 from locate.simulation.render import MASK_SHARE, NEGLIGIBLE_PX, RenderedTruth, apparent_shift
-from locate.simulation.run import Progress, silent
 from locate.simulation.scene import ImageBlock, PlumeSpec, Scene
 from locate.simulation.writer import FrameFolder, make_folder, write_summary, write_truth
 

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from geometry.arrays import GreyImage
-from locate.simulation.filming import Take, surfaces
-from locate.simulation.paths import fly
-from locate.simulation.plume import PlumeField
+from locate.simulation.camera_paths import fly
+from locate.simulation.capture import Take, surfaces
+from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import Renderer
 from locate.simulation.scene import Scene
 from locate.simulation.writer import make_folder, open_recording, write_summary, write_truth

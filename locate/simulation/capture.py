@@ -11,15 +11,15 @@ from detect.synthesis.raster import read_photo
 from geometry.arrays import FloatMap, GreyImage
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.simulation.cards import Billboard, BillboardWorld
-from locate.simulation.formation import GAMMA
-from locate.simulation.paths import fly
-from locate.simulation.plume import PlumeField
+from locate.simulation.billboards import Billboard, BillboardWorld
+from locate.simulation.camera_paths import fly
+from locate.simulation.image_formation import GAMMA
+from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import RenderedTruth, Renderer
 from locate.simulation.scene import Scene
 from locate.simulation.shutter import INSTANT, Shutter
-from locate.simulation.tiles import TILE_PX, TileAtlas, noise_tiles
-from locate.simulation.world import Surfaces, World
+from locate.simulation.surfaces import Surfaces, World
+from locate.simulation.textures import TILE_PX, TileAtlas, noise_tiles
 
 LEAST_MEAN, MOST_GAIN = 0.2, 4.0
 """To what a dark photo is lightened, and by how much at most."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
-from locate.simulation.filming import Take
+from locate.simulation.capture import Take
 from locate.simulation.nuisances import NUISANCES, spoiled
 from locate.simulation.scene import PathBlock
 
