@@ -14,12 +14,25 @@ from geometry.grid import Box
 from geometry.trajectory import Trajectory
 
 FUSION_WIDTH_PX = 320
+"""Width that maps are shrunk to, px; chosen by hand."""
 VOXELS_ALONG_LONGEST_EDGE = 96
+"""Of the evidence grid; chosen by hand."""
 RANGE_TO_UNIT = 0.1
+"""The unit of fusion, in median ranges to the background; defines it."""
 FARTHEST_RANGES = 10
+"""Background farther than so many median ranges is left out of the volume; chosen by hand."""
 OUTLIERS_PERCENT = 2
+"""Percentile of the background that bounds the volume on either side; chosen by hand."""
 TURBULENCE_PX = 0.1
+"""Standard deviation of the displacement by turbulence, px of the original frames; by hand."""
+BACKGROUND_STEP_PX = 8
+"""One background point per so many px along each side; chosen by hand."""
+CLIPPED_PERCENTILE = 95
+"""Of each map, above which evidence may be a plume's and not noise; chosen by hand."""
+CORRELATION_REACH_PX = 12
+"""Farthest shift whose autocorrelation counts, px of the maps; chosen by hand."""
 FREE_OF_EVIDENCE = {"unit", "bending_px", "lowest_background"}
+"""What is worked out once for all views that differ in their evidence alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +47,7 @@ class Views:
         sigma_px: (V, H, W) standard deviation of either component, same px; inf where nothing was
             measured.
         correlation_px2: Area over which the evidence of plume-free pixels is correlated, px of
-            these maps squared; so many pixels count as one look.
+            these maps squared; so many pixels count as one independent sample.
     """
 
     trajectory: Trajectory
@@ -49,7 +62,7 @@ class Views:
         """Shrinks the maps by area averaging to at most `FUSION_WIDTH_PX` wide.
 
         Args:
-            detections: V detections; those without inverse depth say nothing in 3D.
+            detections: V detections; those without inverse depth hold no evidence in 3D.
             trajectory: Their V poses; the camera is the pinhole of the full-size frames.
         """
         factor = min(1.0, FUSION_WIDTH_PX / trajectory.camera.width)
@@ -81,7 +94,7 @@ class Views:
     def rolled_sideways(self, shifts_px: Sequence[int]) -> Self:
         """Every view's maps turned sideways by its own shift, the poses left where they are.
 
-        What the views agreed on is gone, what each of them says alone is kept.
+        What the views agreed on is gone, what each of them holds alone is kept.
         """
 
         def roll(maps: FloatMap) -> FloatMap:
@@ -92,7 +105,7 @@ class Views:
         return rolled
 
     def with_evidence(self, llr: FloatMap) -> Self:
-        """The same views with other evidence, (V, H, W); what does not hang on it is kept."""
+        """The same views with other evidence, (V, H, W); what does not depend on it is kept."""
         other = replace(self, llr=llr)
         kept = vars(self).keys() & FREE_OF_EVIDENCE
         vars(other).update({name: vars(self)[name] for name in kept})
@@ -100,7 +113,7 @@ class Views:
 
     @cached_property
     def unit(self) -> float:
-        """A tenth of the median range to the background, world units: the yardstick of fusion."""
+        """A tenth of the median range to the background, world units: the unit of fusion."""
         finite = self.inverse_depth[self.inverse_depth > 0]
         return float(RANGE_TO_UNIT / np.median(finite)) if finite.size else np.nan
 
@@ -112,14 +125,14 @@ class Views:
 
     @cached_property
     def measured(self) -> FloatMap:
-        """(V, H, W) 1 where there is a displacement and the evidence says something, else 0."""
+        """(V, H, W) 1 where there is a displacement and evidence for or against it, else 0."""
         return np.asarray((self.llr != 0) & np.isfinite(self.sigma_px), dtype=np.float32)
 
     @cached_property
     def precision(self) -> FloatMap:
         """(V, H, W) of a component of the displacement against turbulence and noise, 1 / px^2.
 
-        0 where the evidence says nothing.
+        0 where there is no evidence.
         """
         variance = self.sigma_px**2 + np.float32(TURBULENCE_PX**2)
         return np.asarray(self.measured / variance)
@@ -129,7 +142,7 @@ class Views:
         """World Z of the lowest background, outliers apart."""
         return float(np.percentile(self.background_in_world()[:, 2], OUTLIERS_PERCENT))
 
-    def background_in_world(self, step: int = 8) -> FloatArray:
+    def background_in_world(self, step: int = BACKGROUND_STEP_PX) -> FloatArray:
         """(N, 3) points on the background, one per `step` px along each side."""
         pixels = self.trajectory.camera.pixel_grid()[::step, ::step].reshape(-1, 2)
         homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
@@ -163,10 +176,11 @@ def _shrink_nearest(image: FloatMap, width: int, height: int) -> FloatMap:
 def correlation_area(llr: FloatMap) -> float:
     """Area over which (V, H, W) maps are correlated: the integral of their autocorrelation, px^2.
 
-    The few strongest values (a plume, if there is one) are clipped to the 95th percentile, so
-    that they do not pass for noise.
+    The few strongest values (a plume, if there is one) are clipped, so that they do not pass for
+    noise.
     """
-    clipped = np.minimum(llr, np.percentile(llr, 95, axis=(1, 2), keepdims=True))
+    highest = np.percentile(llr, CLIPPED_PERCENTILE, axis=(1, 2), keepdims=True)
+    clipped = np.minimum(llr, highest)
     centred = clipped - clipped.mean(axis=(1, 2), keepdims=True)
     variance = float((centred**2).mean())
     if variance == 0:
@@ -174,7 +188,7 @@ def correlation_area(llr: FloatMap) -> float:
     shape = [2 * n for n in llr.shape[1:]]
     power = (np.abs(np.fft.rfft2(centred, shape)) ** 2).mean(axis=0)
     correlation = np.fft.irfft2(power, shape) / (variance * llr.shape[1] * llr.shape[2])
-    reach = min(12, *llr.shape[1:])
+    reach = min(CORRELATION_REACH_PX, *llr.shape[1:])
     near = np.concatenate([correlation[:reach], correlation[-reach + 1 :]])
     near = np.concatenate([near[:, :reach], near[:, -reach + 1 :]], axis=1)
     return float(max(1.0, np.maximum(near, 0).sum()))

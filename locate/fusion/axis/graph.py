@@ -4,7 +4,7 @@ Each sighting is one number, the offset of the axis across itself in one view. I
 mean axis, on the pose of its view and on how the plume swayed at that moment. All three are
 variables here; the sway has one value per sighting and a joint prior that ties those near in
 time and height together, so views that saw the same sway do not count twice. The offsets are
-small, so the graph is linear; `refine_axis` sights the axis anew where the last solution lies.
+small, so the graph is linear; `refine_axis` measures them anew about the last solution.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,21 @@ from locate.fusion.search.columns import PlumeColumn
 
 FALLBACK_ROTATION_RAD = np.deg2rad(0.1)
 FALLBACK_RANGE_SHARE = 0.002
+"""Standard deviations of a pose that states none: rotation about each axis, and position in
+distances from the plume; chosen by hand."""
 PLACE_PRIOR_UNITS = 100.0
+"""Standard deviation of X and Y before anything is measured, units of fusion: as good as none."""
 SLOPE_PRIOR = 0.2
+"""Standard deviation of the slopes of a plume before anything is measured; chosen by hand."""
 FEWEST_VIEWS = 3
 FEWEST_HEIGHTS = 2
 FEWEST_SIGHTINGS = 8
+"""What an estimate needs at least; chosen by hand (two views and two heights give a line)."""
 LEAST_SWAY_PX = 1e-3
+"""Standard deviation added to the sway's, px, so that its covariance has an inverse."""
 OUTLYING_SIGMAS = 3.0
+"""From the median axis of several searches, beyond which one is left out: one search of four
+sometimes strays (docs/archive/tried.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +96,7 @@ class AxisEstimate:
 
 
 def average_axes(axes: Sequence[AxisEstimate]) -> AxisEstimate:
-    """The axis that several estimates of one plume's give alike; their scatter adds to it.
+    """The mean of several estimates of one plume's axis; their scatter adds to its covariance.
 
     Heights count from the lowest point of the first, whose sway it keeps.
     """
@@ -125,15 +133,15 @@ def estimate_axis(
 
     Args:
         trajectory: V poses with their covariances; the camera of the sightings.
-        column: The column that was sighted.
+        column: The column that was measured.
         sightings: Of its axis.
-        unit: The yardstick of fusion, world units.
+        unit: Of fusion (`Views.unit`), world units.
         origin: Height of the source above the column's lowest point, where nothing sways.
         sway: That of the sightings where it is known; None estimates it.
         hypotheses: What it is looked for among; see `estimate_sway`.
 
     Returns:
-        The estimate, or None where too few views or heights were sighted.
+        The estimate, or None where too few views or heights have a sighting.
     """
     enough = (
         len(sightings) >= FEWEST_SIGHTINGS

@@ -1,8 +1,8 @@
 """One column that holds two plumes.
 
-Silence between two plumes speaks less against a plume than their evidence speaks for one, so a wide
-column over both explains more than either alone. The displacement tells them apart: it turns its
-sign at each axis, and the other way between them. A single plume has one such axis, and where a
+The pixels between two plumes are weaker evidence against a plume than those inside are for one, so
+a wide column over both explains more than either alone. The displacement tells them apart: it turns
+its sign at each axis, and the other way between them. A single plume has one such axis, and where a
 second seems to be, nothing turns the other way between them.
 """
 
@@ -28,22 +28,34 @@ from locate.fusion.views import Views
 
 HALF_GAPS_UNITS = (0.3, 0.45, 0.6)
 DIRECTIONS_RAD = np.arange(4) * np.pi / 4
+"""Where the two axes are first put: half their distance in units of fusion, and its direction;
+chosen by hand."""
 RADIUS_UNITS = 0.12
+"""Of a narrow plume, units of fusion; chosen by hand."""
 MOST_SIGMAS = 4.0
+"""A pixel counts for no more than this; chosen by hand."""
 FIT_PASSES = 2
+"""How often either axis is fitted to what the other leaves; chosen by hand."""
 LEAST_GAP_RADII = 3.0
+"""Distance of two axes, in radii of a narrow plume, from which on a view can tell them apart."""
 LEAST_SEPARATION = 4.0
+"""What two plumes need of `_separation_score`: of 35 single plumes that served to develop it
+none had more than 0, of six pairs 1 m apart five had 3.5 to 97."""
 LEAST_SHARE = 0.55
+"""What the displacement turns at the weaker axis at least, of that at the stronger one: pairs
+had 0.59 and more, flanks of wide updrafts less (docs/archive/tried.md)."""
 MOST_STARTS = 6
+"""First pairs that are fitted; chosen by hand."""
 LEAST_WEIGHT = 1e-3
+"""Keeps the sigmas finite where nothing was measured, 1 / px^2."""
 
 
 def split_column(
     views: Views, column: PlumeColumn, rng: np.random.Generator
 ) -> list[tuple[PlumeColumn, Views]]:
-    """The two plumes that a column holds, each with the views in which the other does not stand.
+    """The two plumes that a column holds, each with the views in which the other is masked out.
 
-    None where it holds one, or none can tell: see `_separation_score`.
+    Empty where it holds one, or they cannot be told apart: see `_separation_score`.
     """
     unit = views.unit
     wide = _fit_column(partial(column_evidence, views), column, unit, rng)
@@ -102,8 +114,8 @@ def _reversal_sigmas(displacement: FloatMap, precision: FloatMap, radius_px: flo
 def _separation_score(reversals: Views, first: PlumeColumn, second: PlumeColumn) -> float:
     """How surely the displacement turns at both axes, and the other way between them.
 
-    Summed over the views from where they stand apart by `LEAST_GAP_RADII` of a narrow plume; each
-    says what the weakest of the three does. 0 where the displacement turns at one of them much
+    Summed over the views from where they are `LEAST_GAP_RADII` of a narrow plume apart; each
+    counts as the weakest of the three does. 0 where the displacement turns at one of them much
     less than at the other: a wide plume has such a flank.
     """
     (level,) = second.axis_points(np.array([first.lowest_z - second.lowest_z]))
@@ -163,7 +175,7 @@ def _fit_column(
 def _axis_reversal(reversals: Views, columns: Columns) -> FloatArray:
     """(N,) how much turns at the axes of columns, whatever their width.
 
-    A view that sees one of two does not speak against the other.
+    A view that shows one of two is no evidence against the other.
     """
     narrow = columns.with_even_radius(RADIUS_UNITS * reversals.unit)
     return clipped_sum(np.maximum(score_columns(reversals, narrow), 0))

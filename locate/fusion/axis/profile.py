@@ -1,10 +1,11 @@
 """Across the axis of a column: what one view shows of one section, and where the axis lies in it.
 
-Two things tell. The evidence is where the plume is, but reaches as far out as light is bent at all,
-and further where the background shows it better. The displacement turns its sign at the axis:
-light is bent away from warm air on both sides, and towards a denser gas. How well it is known
-differs from section to section, with the background and with turbulence, and shows in how much of
-it a turn leaves unexplained: each section is matched as if its noise were unknown.
+Two measurements show it. The evidence is where the plume is, but reaches as far out as light is
+bent at all, and further where the background shows it better. The displacement turns its sign at
+the axis: light is bent away from warm air on both sides, and towards a denser gas. How well it is
+known differs from section to section, with the background and with turbulence, and shows in how
+much of it a change of sign leaves unexplained: each section is matched as if its noise were
+unknown.
 """
 
 from dataclasses import dataclass
@@ -20,24 +21,38 @@ from locate.fusion.search.score import FOOTPRINT_SHARE, NEAREST_DEPTH_UNITS
 from locate.fusion.views import TURBULENCE_PX, Views
 
 REACH_RADII, SAMPLES = 2.5, 101
+"""How far from its axis a column is sampled, in radii, and how often; chosen by hand."""
 REACH = np.linspace(-REACH_RADII, REACH_RADII, SAMPLES)
 SEARCHED = np.abs(REACH) <= REACH_RADII - FOOTPRINT_SHARE
 PLACES = REACH[SEARCHED]
+"""(C,) where the axis may be: places whose outline is sampled as a whole, in radii."""
 EDGE_SAMPLES = 5
+"""Standard deviation of the blur of the outline's edge, samples; chosen by hand."""
 OUTLINE = cv2.GaussianBlur(
     (np.abs(REACH) <= FOOTPRINT_SHARE).astype(float)[None], (0, 0), EDGE_SAMPLES
 )[0]
 OUTLINE /= OUTLINE.sum()
 REVERSAL_WIDTH_RADII = 0.3
+"""From the axis to where the displacement is largest, in radii: 0.2, 0.22 and 0.4 were no better on
+the development plants (docs/archive/tried.md)."""
 FROM_PLACE = (REACH - PLACES[:, None]) / REVERSAL_WIDTH_RADII
 REVERSAL = FROM_PLACE * np.exp(-(FROM_PLACE**2) / 2)
+"""(C, P) displacement across a Gaussian plume whose axis is at each place."""
 NEAR_RADII = 0.5
+"""How near the column's own axis the bending sign is taken, in radii; chosen by hand."""
 OUTLINE_SAMPLE_PX2, REVERSAL_SAMPLE_PX2 = 10.0, 36.0
+"""Pixels of the maps that count as one independent sample of the evidence and of the displacement;
+chosen by hand."""
 OUTLINE_SHARE, OUTLINE_ERROR_RADII = 0.1, 0.4
+"""What the outline counts beside the displacement, and how far aside it may lie, in radii; set on
+eight development plants at 1 px (docs/archive/tried.md)."""
 OUTLINE_ERROR = np.exp(-(((PLACES - PLACES[:, None]) / OUTLINE_ERROR_RADII) ** 2) / 2)
 OUTLINE_ERROR /= OUTLINE_ERROR.sum(axis=1, keepdims=True)
+"""(C, C) probability of the axis at each place, by where the outline has it."""
 SECTION_SAW_LLR = 0.4
+"""Mean evidence of an outline, nats a pixel, from which on it shows a plume; chosen by hand."""
 LEAST_RADIUS_PX = 2.0
+"""Narrower columns are sampled as if they were so wide, px of the maps; chosen by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +111,7 @@ def measure_profile(
 
     Args:
         views: The evidence.
-        core: (V, H, W) the evidence that says where the middle of a plume is.
+        core: (V, H, W) the evidence of the middle of a plume.
         i: Row of the view.
         column: The column.
         heights: (S,) of the section, above the column's lowest point.

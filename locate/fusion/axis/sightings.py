@@ -1,4 +1,4 @@
-"""The axis of a column sighted in each view: where, across it, the plume lies."""
+"""The axis of a column measured in each view: where, across it, the plume lies."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,16 @@ from locate.fusion.search.score import score_columns, supporting_pixels
 from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
+"""Rows sampled per section, and where sections begin and end, in heights of the column: finer near
+its base, set on the plants that served to develop it (docs/archive/tried.md)."""
 VIEW_SAW_NATS = 0.5
+"""Evidence from which on a view shows a column; chosen by hand."""
 AGREEING_SHARE, FEWEST_AGREEING = 0.9, 4
+"""Share and number of the views that must agree on how light is bent; chosen by hand."""
 CORE_PERCENTILE, FEWEST_COVERED = 80, 20
+"""Of the bending inside a column, from which on a pixel counts whole, and the pixels that takes;
+set on
+the same plants."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +32,7 @@ class AxisSightings:
         time_s: (N,) when it was taken.
         height: (N,) middle of the section above the column's lowest point, along world Z.
         offset_px: (N,) from the projected axis to where the view sees it, along the normal.
-        sigma_px: (N,) its standard deviation, as far as the evidence itself tells.
+        sigma_px: (N,) its standard deviation, as the evidence itself states it.
         by_shift: (N, 2) derivative of the offset by the axis point's world X and Y.
         by_pose: (N, 6) derivative by the view's pose, in gtsam's tangent of world_from_cam.
         bending_sign: (N,) 1 where the plume bends light away from its axis, -1 where towards it.
@@ -47,8 +54,7 @@ class AxisSightings:
 def sight_axis(views: Views, column: PlumeColumn, bending_sign: int = 0) -> AxisSightings:
     """Finds the axis across each section of the column in each view; see `Profile`.
 
-    Where the pixels there do not speak for a plume, nothing was sighted: silence before a
-    contradicting background is no plume.
+    A section without evidence for a plume gives no sighting.
 
     Args:
         views: The evidence.
@@ -78,7 +84,7 @@ def sight_axis(views: Views, column: PlumeColumn, bending_sign: int = 0) -> Axis
 def find_bending_sign(views: Views, column: PlumeColumn) -> int:
     """1 where the column bends light away from its axis, -1 where towards it.
 
-    0 where too few views show it, or fewer than nine in ten say the same.
+    0 where too few views show it, or fewer than nine in ten agree.
     """
     by_view: dict[int, float] = {}
     for i, profile in _measure_profiles(views, column):
@@ -98,19 +104,19 @@ def _measure_profiles(views: Views, column: PlumeColumn) -> list[tuple[int, Prof
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
     sections = column.height * (low + (high - low) * middles)
     saw = np.flatnonzero(score_columns(views, column.alone)[:, 0] > VIEW_SAW_NATS)
-    looked = [
+    profiles = [
         (int(i), measure_profile(views, core, int(i), column, heights))
         for i in saw
         for heights in sections
     ]
-    return [(i, profile) for i, profile in looked if profile is not None]
+    return [(i, profile) for i, profile in profiles if profile is not None]
 
 
 def _core_evidence(views: Views, column: PlumeColumn) -> FloatMap:
     """(V, H, W) the evidence, less of it where light is bent less than in most of the column.
 
-    Around a strong plume the air is bent little and far to one side, which speaks for refraction as
-    much as the middle does, but is not where the axis is.
+    Around a strong plume light is bent a little, far to one side: evidence for refraction as much
+    as that in the middle, but not where the axis is.
     """
     inside = supporting_pixels(views, column)
     llr = views.llr.copy()

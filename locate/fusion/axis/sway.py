@@ -1,4 +1,4 @@
-"""How a plume sways, judged from the recording itself.
+"""How a plume sways, estimated from the recording itself.
 
 A plume leans now here, now there, and grows as it rises, so its axis sways with the height above
 the source: not at all there, and the less the nearer. In proportion to it, as plumes are self-
@@ -22,17 +22,31 @@ from geometry.arrays import FloatArray
 from locate.fusion.axis.sightings import AxisSightings
 
 RATES = np.geomspace(0.005, 0.5, 7).tolist()
+"""Standard deviations of the sway per unit of height that are tried: calm to stormy, by hand."""
 GROWTHS = (0.5, 1.0, 2.0)
+"""Powers of the height that sway may grow with: see `estimate_sway`."""
 PROPORTIONAL_GROWTH = 1.0
+"""The power that sway by a known rate grows with."""
 INFLATIONS = (0.25, 0.5, 1.0, 2.0)
+"""Factors of the stated sigmas that are tried; chosen by hand."""
 SHARED_PARTS = (0.0, 0.9)
+"""Shares of a sighting's variance that neighbouring views may have in common: all but none and
+nearly all; chosen by hand."""
 NEIGHBOUR_CORRELATION = 0.8
+"""Of what neighbouring views share, from one view to the next; chosen by hand."""
 PERSISTENCES = 4
+"""Times over which sway is correlated that are tried; chosen by hand."""
 NEAREST_UNITS = 0.02
+"""Sightings lower above the source count as this high, units of fusion; chosen by hand."""
 BEND = 0.3
+"""Standard deviation of how far the mean path is off the axis at the highest sighting, per unit of
+height; set with the sections of `sightings`."""
 STUDENT_FREEDOM = 4.0
+"""Degrees of freedom of Student's distribution, for outliers; the usual choice."""
 ROBUST_TURNS = 3
+"""How often the weights of outliers are worked out, less one; chosen by hand."""
 NEGLIGIBLE_NATS = 8.0
+"""Hypotheses this much less likely than the best are dropped; chosen by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +78,7 @@ class Sway:
         Args:
             sightings: M of the axis.
             origin: Height of the source above the column's lowest point.
-            unit: The yardstick of fusion, world units.
+            unit: Of fusion (`Views.unit`), world units.
         """
         shape = _sway_covariance(sightings, origin, unit, self.persistence_s, PROPORTIONAL_GROWTH)
         alike = self.inflation**2 * self.shared_part * _shared_covariance(sightings)
@@ -106,17 +120,17 @@ def estimate_sway(
     to the height. Sway that grows with other powers of the height (`GROWTHS`) and reaches as far at
     the highest sighting is tried as well: with the square, a plume rises calmly and breaks up
     above; with the root, it wanders from the start. What a sighting has wrong by itself is either
-    its own or mostly shared with the views next to it, which look past the plume at nearly the same
-    background. A straight axis and a constant lean are free (Patterson and Thompson, Biometrika
+    its own or mostly shared with the views next to it, which see nearly the same background behind
+    the plume. A straight axis and a constant lean are free (Patterson and Thompson, Biometrika
     1971); sightings that fit no better than by chance lose weight as under Student's distribution.
 
     Args:
         sightings: N of the axis.
         origin: Height of the source above the column's lowest point.
-        unit: The yardstick of fusion, world units.
+        unit: Of fusion (`Views.unit`), world units.
         poses_px2: (N, N) covariance of the offsets due to the poses.
         prior: (4,) mean and (4, 4) information of the axis: x, y and slopes, as corrections.
-        hypotheses: What else could explain them need not be tried; nothing: all is.
+        hypotheses: Those to try; empty: all.
     """
     grid = list(hypotheses) or _all_hypotheses(sightings.time_s)
     alike, bend = _shared_covariance(sightings), _bend_covariance(sightings, origin, unit)

@@ -20,17 +20,29 @@ from locate.fusion.search.columns import (
 from locate.fusion.search.proposals import SEPARATION_UNITS
 
 ALL_ROUNDS = range(18)
+"""Rounds of a whole search; chosen by hand."""
 COARSE_ROUNDS, FINE_ROUNDS = ALL_ROUNDS[:8], ALL_ROUNDS[8:]
+"""Before and after near duplicates are dropped; chosen by hand."""
 DRAWS, SHRINK = 40, 0.87
+"""Columns tried per column and round, and how the steps shrink from round to round; by hand."""
 SURVIVORS = 8
+"""Columns that the fine rounds go on with; chosen by hand."""
 SEARCH_STEP_UNITS = np.array([0.2, 0.2, 0.2, 0.12, 0.12, 0.5, 0.06, 0.05])
+"""Standard deviation of a step of the first round, for each entry of a column: lengths in units of
+fusion, slopes and opening as they are; chosen by hand."""
 RADIUS_UNITS = (0.05, 0.4)
+"""Least and largest radius of a plume at its lowest point, units of fusion; chosen by hand."""
 HEIGHT_UNITS = (0.5, 5.0)
+"""Least and largest height, units of fusion; chosen by hand."""
 STEEPEST = 0.6
+"""Largest slope of an axis along X or Y, horizontal per vertical; chosen by hand."""
 OPENINGS = (0.02, 0.35)
+"""Least and largest growth of the radius per unit of height; chosen by hand."""
 LENGTHS = (X, Y, Z, HEIGHT, RADIUS)
+"""The entries of a column that are lengths."""
 
 Objective = Callable[[Columns], FloatArray]
+"""What a search makes as large as possible: (N,) values of N columns."""
 
 
 def fit_columns(
@@ -43,7 +55,7 @@ def fit_columns(
     Args:
         objective: What is made as large as possible.
         starts: Where the search begins.
-        unit: The yardstick of fusion, world units.
+        unit: Of fusion (`Views.unit`), world units.
         rng: Of the search.
     """
     columns, value = random_search(objective, starts, unit, rng, rounds=COARSE_ROUNDS)
@@ -60,7 +72,7 @@ def random_search(
     *,
     rounds: range = ALL_ROUNDS,
 ) -> tuple[Columns, FloatArray]:
-    """The N columns that N starts end in, each by itself, and what they are worth.
+    """The N columns that N starts end in, each by itself, and their values.
 
     The opening angle stays free: held fixed, the fit slides towards the cameras.
     """

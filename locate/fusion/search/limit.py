@@ -1,4 +1,4 @@
-"""What would have been seen: the weakest plume that the evidence of a run could have shown."""
+"""The detection limit: the weakest plume that the evidence of a run could have shown."""
 
 import numpy as np
 
@@ -10,10 +10,20 @@ from locate.fusion.search.score import clipped_sum, score_columns
 from locate.fusion.views import Views
 
 AMPLITUDES_PX = np.geomspace(0.03, 3.0, 14)
+"""Displacements that are tried, px of the original frames; chosen by hand."""
 RANDOM_COLUMNS = 96
+"""Places that are tried; chosen by hand."""
 RADIUS_UNITS, USUAL_OPENING, HEIGHT_UNITS = 0.15, 0.1, 1.5
+"""Shape of a usual plume: radius at its base and height in units of fusion; chosen by hand."""
+RANGE_SHARES = (0.4, 0.8)
+"""Where the places lie between camera and background, in ranges; chosen by hand."""
 SHARE_SEEN = 0.5
+"""Share of the places whose plume must pass the threshold: what defines the limit."""
 FEWEST_VIEWS = 2.0
+"""Views that must show a place; two give a position."""
+LEAST_COVERAGE = 0.2
+"""A view shows a place where its pixels there are this share of the most that any view has;
+chosen by hand."""
 
 
 def detection_limit_px(
@@ -25,9 +35,9 @@ def detection_limit_px(
 ) -> float | None:
     """The smallest displacement with which half of all places would have passed the threshold.
 
-    Columns of a usual shape are put at random where at least two views look, each pixel of them
-    is given the evidence that the detector gives that displacement at its own sigma, and the sum
-    is held against the threshold. The background's silence (llr 0) stays silent.
+    Columns of a usual shape are put at random where at least two views show them, each pixel of
+    them is given the evidence that the detector gives that displacement at its own sigma, and the
+    sum is held against the threshold. Pixels without evidence (llr 0) keep none.
 
     Args:
         views: The evidence of the run.
@@ -42,7 +52,7 @@ def detection_limit_px(
     columns = _random_columns(views, np.random.default_rng(seed))
     observed = views.with_evidence(np.ones_like(views.llr))
     coverage = score_columns(observed, columns)
-    columns = columns.take((coverage > 0.2 * coverage.max()).sum(axis=0) >= FEWEST_VIEWS)
+    columns = columns.take((coverage > LEAST_COVERAGE * coverage.max()).sum(axis=0) >= FEWEST_VIEWS)
     if not len(columns):
         return None
     for amplitude in AMPLITUDES_PX:
@@ -54,12 +64,12 @@ def detection_limit_px(
 
 
 def _random_columns(views: Views, rng: np.random.Generator) -> Columns:
-    """Columns between the cameras and what they look at."""
+    """Columns between the cameras and the background."""
     background = views.background_in_world()
     target = background[rng.integers(len(background), size=RANDOM_COLUMNS)]
     centers = views.trajectory.centers_in_world
     center = centers[rng.integers(len(centers), size=RANDOM_COLUMNS)]
-    share = rng.uniform(0.4, 0.8, (RANDOM_COLUMNS, 1))
+    share = rng.uniform(*RANGE_SHARES, (RANDOM_COLUMNS, 1))
     columns = np.zeros((RANDOM_COLUMNS, 8))
     columns[:, X : Z + 1] = center + share * (target - center)
     columns[:, Z] -= HEIGHT_UNITS * views.unit / 2

@@ -22,8 +22,11 @@ from locate.fusion.search.score import column_evidence
 from locate.fusion.views import Views
 
 NULL_DRAWS = 12
+"""Volumes drawn; chosen by hand: each takes as long as the search itself."""
 SMALLEST_SHIFT = 0.12
+"""Least turn of a view's maps, in their widths: less leaves some of the agreement; by hand."""
 SMALLEST_SCALE_NATS = 1.0
+"""Least scale of the Gumbel distribution, for draws that are alike by luck; chosen by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +52,7 @@ class NullLevel:
         *,
         progress: Callable[[float], None],
     ) -> Self:
-        """Draws `NULL_DRAWS` volumes from the run's own maps; tells `progress` the share done."""
+        """Draws `NULL_DRAWS` volumes from the run's own maps; `progress` gets the share done."""
         strongest = []
         for draw in range(NULL_DRAWS):
             progress(draw / NULL_DRAWS)

@@ -1,4 +1,4 @@
-"""Where a column might stand: sums of the evidence grid along sheared columns of voxels."""
+"""Where a plume may be: sums of the evidence grid along sheared columns of voxels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,11 +13,17 @@ from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
 
 SLOPES = (-0.35, 0.0, 0.35)
+"""Of the columns that are tried along X and Y, horizontal per vertical; chosen by hand."""
 RADII_UNITS = (0.15, 0.3)
+"""Of the discs that the grid is averaged over, units of fusion; chosen by hand."""
 SEPARATION_UNITS = 0.5
+"""Axes nearer than this are one column's, units of fusion; chosen by hand."""
 OPENING_START = 0.1
+"""Growth of the radius per unit of height that the search begins with; chosen by hand."""
 MOST_PROPOSALS = 16
+"""Columns that the search begins from; chosen by hand."""
 FEWEST_VIEWS = 2.0
+"""Voxels that fewer views see count as empty; chosen by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""How well the views speak for columns."""
+"""How well the views support columns."""
 
 from typing import NamedTuple, Self
 
@@ -11,13 +11,24 @@ from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
 
 FOOTPRINT_SHARE = 0.85
+"""Half width of the outline that is summed, in radii of the column; chosen by hand."""
 NEAREST_DEPTH_UNITS = 0.5
+"""Nothing closer to a camera than this is scored, units of fusion; chosen by hand."""
 EXPLAINED_RADII = 1.5
+"""How far from its axis a plume explains evidence, in radii; chosen by hand."""
+MASK_HEIGHTS = np.linspace(-0.1, 1.1, 25)
+"""Heights of the corners of a masked outline, in heights of the column; chosen by hand."""
 AGREEING_VIEWS = 3
+"""No view counts for more than the one of this rank; chosen by hand."""
 CONTRAST_EXPONENT = 0.75
+"""Of the number of samples that a column's evidence is divided by: 0 is the sum, 1 the mean; set on
+four flights of the simulated campaign (docs/archive/tried.md)."""
 LEAST_SAMPLES = 1e-6
+"""Keeps the contrast of a column that no view shows finite."""
 SAMPLES_AT_ONCE = 100_000
+"""Pixels sampled before all views at once: bounds the memory, the scores do not depend on it."""
 OUTSIDE_PX = -1e4
+"""A pixel coordinate outside every frame, for points behind a camera."""
 
 
 def score_columns(
@@ -30,10 +41,10 @@ def score_columns(
 def sum_over_outlines(
     views: Views, columns: Columns, *, along: int = 14, across: int = 5
 ) -> tuple[FloatArray, FloatArray]:
-    """What each view says of each column.
+    """The evidence of each view for each column.
 
     Sums over the column's outline (its side, foreshortened, and its end), gated by what can be seen
-    there, counted in independent samples.
+    there, counted in independent samples (one per `Views.correlation_px2`).
 
     Args:
         views: The evidence.
@@ -42,7 +53,7 @@ def sum_over_outlines(
         across: Samples across it.
 
     Returns:
-        (V, N) sum of the llr, nats, and (V, N) number of samples that say anything.
+        (V, N) sum of the llr, nats, and (V, N) number of samples that hold evidence.
     """
     nats, samples = np.empty((2, len(views), len(columns)))
     if not len(columns):
@@ -141,7 +152,7 @@ def clipped_sum(nats: FloatArray) -> FloatArray:
 
 
 def column_evidence(views: Views, columns: Columns) -> FloatArray:
-    """(N,) what all views together say for N columns, nats."""
+    """(N,) evidence of all views together for N columns, nats."""
     return clipped_sum(score_columns(views, columns))
 
 
@@ -149,8 +160,8 @@ def column_contrast(views: Views, columns: Columns) -> FloatArray:
     """(N,) how clearly N columns stand out of what is around them, in no unit of note.
 
     The sum over views of S / n^0.75, for S nats in n samples. It is largest for a plume's own
-    outline: whatever says less than three quarters of the mean inside lessens it, so that a gap
-    between plumes, where silence may speak too little against a column over all of them, does.
+    outline: whatever holds less than three quarters of the mean inside lessens it, so that a gap
+    between plumes does, where the evidence against a plume may be too weak by itself.
     """
     nats, samples = sum_over_outlines(views, columns)
     return clipped_sum(
@@ -159,17 +170,17 @@ def column_contrast(views: Views, columns: Columns) -> FloatArray:
 
 
 def supporting_pixels(views: Views, column: PlumeColumn) -> BoolArray:
-    """(V, H, W) the pixels inside a column's outline that speak for a plume."""
+    """(V, H, W) the pixels inside a column's outline with evidence for a plume."""
     return np.asarray((views.llr > 0) & (mask_out(views, column, radii=1.0).llr == 0))
 
 
 def mask_out(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADII) -> Views:
     """The views with the evidence inside a column's outline, `radii` wide, set to zero.
 
-    What one plume explains must not speak for another.
+    What one plume explains must not support another.
     """
     wide = column.widened(radii)
-    heights = np.linspace(-0.1, 1.1, 25) * column.height
+    heights = MASK_HEIGHTS * column.height
     points = wide.axis_points(heights)
     half_widths = np.maximum(wide.radius + wide.opening * heights, wide.radius / 2)
     llr = views.llr.copy()

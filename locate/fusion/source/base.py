@@ -2,8 +2,8 @@
 
 Displacement grows with the distance from plume to background, so it fades where the ground is
 close behind the base: the lowest evidence lies above the source. The source is therefore sought
-between that end and the surface which the axis meets below it, with what the evidence says
-against every height in between. Where something nearer covers the axis first, the surface is not
+between that end and the surface which the axis meets below it, with the evidence against
+every height in between. Where something nearer covers the axis first, the surface is not
 seen, and every height down to the lowest background is as likely.
 """
 
@@ -18,16 +18,29 @@ from locate.fusion.search.score import score_columns
 from locate.fusion.views import Views
 
 STEP_UNITS = 0.02
+"""Spacing of the heights that are tried, units of fusion; chosen by hand."""
 REACH_BELOW_UNITS = 3.0
+"""How far below the column's lowest point a source is sought, units of fusion; chosen by hand."""
 CONTACT_LEVER = 0.02
+"""Lever from which on downwards the axis touches the surface; chosen by hand."""
 OCCLUDER_LEVER = -0.06
+"""Lever below which something nearer covers the axis; chosen by hand."""
 EDGE_STEPS = 2
+"""Samples next to an edge that are left out, as the depths of two surfaces mix there; by hand."""
 COVER_EDGE_UNITS = 0.1
+"""A contact must be this far below the cover's edge, units of fusion; chosen by hand."""
 FEWEST_CONTACTS = 2
-MEDIAN_SPREAD = 1.2533  # of a median against a mean, for normal errors
+"""Views in which the axis must meet the surface; chosen by hand."""
+MEDIAN_SPREAD = 1.2533
+"""Standard deviation of a median against that of a mean, for normal errors: sqrt(pi / 2)."""
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of normal errors per median absolute deviation."""
 INDEPENDENT_VIEWS = 0.5
+"""Share of the views whose contacts count as independent; chosen by hand."""
 SURFACE_PRIOR = 0.9
+"""Probability that a plume begins at the surface its axis meets; chosen by hand."""
 INDEPENDENT_SHARE = 0.3
+"""Share of the evidence along the axis that counts as independent; chosen by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +64,7 @@ class PlumeBase:
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """Where the axis is lost from sight.
+    """Where the axis meets a surface, or is covered.
 
     Attributes:
         height: Above the column's lowest point, along world Z.
@@ -107,10 +120,10 @@ def find_contact(views: Views, column: PlumeColumn, heights: FloatArray, step: f
     """Where the axis, followed downwards, meets a surface, or the lowest height where it may.
 
     A view in which the lever falls to nearly zero sees the axis touch the surface, where a
-    straight line through the last two levers is zero; nearly, for an axis that stands a little
-    too near must not miss a pipe. A view in which the lever jumps to well below zero sees something
-    nearer that covers the axis. Where most do, only views that look past it can see a touch: what
-    seems one at the height of its edge is a mixture of depths.
+    straight line through the last two levers is zero; nearly, for an axis that is a little too near
+    must not miss a pipe. A view in which the lever jumps to well below zero sees something nearer
+    that covers the axis. Where most do, only views that see past it can see a touch: what seems one
+    at the height of its edge is a mixture of depths.
 
     Args:
         views: The evidence with the inverse depth of the background.
@@ -141,7 +154,7 @@ def find_contact(views: Views, column: PlumeColumn, heights: FloatArray, step: f
         return Contact(height=float(lowest), sigma=step, found=False, hidden=hidden)
     crossings = np.array(contacts)
     height = float(np.median(crossings))
-    spread = float(1.4826 * np.median(np.abs(crossings - height)))
+    spread = float(MAD_TO_SIGMA * np.median(np.abs(crossings - height)))
     independent = len(crossings) * INDEPENDENT_VIEWS
     sigma = MEDIAN_SPREAD * np.hypot(spread, step / np.sqrt(12)) / np.sqrt(independent)
     return Contact(height=height, sigma=float(sigma), found=True, hidden=hidden)

@@ -18,9 +18,13 @@ from locate.map.plume import Plume
 from locate.map.schema import RefractiveIndex
 
 SEARCHES = 4
+"""Searches that an axis is the mean of; twelve were hardly better (docs/archive/tried.md)."""
 REFINEMENTS = 3
+"""How often the axis is measured and solved for; chosen by hand."""
 RADIUS_SAMPLES = 9
+"""Heights at which radius and displacement are taken; chosen by hand."""
 REFRACTIVE_INDEX: dict[int, RefractiveIndex | None] = {1: "lower", -1: "higher", 0: None}
+"""Of the plume against the air around it, by its bending sign."""
 
 
 def find_axis(
@@ -30,13 +34,13 @@ def find_axis(
     *,
     rounds: range = ALL_ROUNDS,
 ) -> tuple[PlumeColumn, AxisEstimate] | None:
-    """The column where it really stands, and its axis; None where too few views see it.
+    """The column at its refined place, and its axis; None where too few views show it.
 
-    Columns of quite another shape explain the evidence nearly as well, and have their axis sighted
-    elsewhere. So the axis is the mean over several searches from about the column, those that
-    strayed left out, and its covariance holds their scatter (Rubin, Multiple Imputation, 1987,
-    without the small-sample term). The column is the one that most speaks for. `rounds` of the
-    search: fewer stay nearer.
+    Columns of quite another shape explain the evidence nearly as well, and their axis is measured
+    elsewhere. So the axis is the mean over several searches from about the column, outliers left
+    out, and its covariance holds their scatter (Rubin, Multiple Imputation, 1987, without the
+    small-sample term). The column is the one with the most evidence. `rounds` of the search: fewer
+    stay nearer.
     """
     starts = column.array + rng.normal(size=(SEARCHES, 8)) * search_steps(views.unit)
     starts[0] = column.array
@@ -59,7 +63,7 @@ def find_axis(
 def refine_axis(
     views: Views, column: PlumeColumn, hypotheses: Sequence[SwayHypothesis] = ()
 ) -> tuple[PlumeColumn, AxisEstimate] | None:
-    """Sights the axis and solves for it in turns; None where too few views see it.
+    """Measures the axis and solves for it in turns; None where too few views see it.
 
     The sway is looked for among these (nothing: all), then among what is left of them.
     """
@@ -82,8 +86,8 @@ def locate_source(
 ) -> tuple[FloatArray, FloatArray]:
     """(3,) source and its (3, 3) covariance.
 
-    An axis that stands a little elsewhere may meet another surface, or none; so the base is
-    sought along several lines that the sightings allow.
+    An axis a little aside may meet another surface, or none; so the base is sought along several
+    lines that the sightings allow.
     """
     candidates = [column.on_line(line) for line in axis.cubature_lines()]
     bases = [locate_base(views, candidate) for candidate in candidates]

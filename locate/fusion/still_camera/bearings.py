@@ -1,7 +1,7 @@
 """A camera that stood still: directions to plumes, no positions.
 
-Two things tell: evidence in single frames, and what lasts from one frame to the next. Each is
-judged against its own chance.
+Two measurements give them: evidence in single frames, and displacement that is coherent from one
+frame to the next. Each is held against what chance makes of it.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,13 @@ from locate.fusion.views import FUSION_WIDTH_PX, correlation_area
 from locate.map.plume import Bearing
 
 EVIDENT_NATS = 0.25
+"""Mean evidence of a region's pixels, nats; chosen by hand."""
 SMOOTHING_PX = 1.5
+"""Standard deviation of the blur of the mean evidence, px of the shrunk maps; chosen by hand."""
 BASE_SHARE = 0.1
+"""Share of a region's pixels, the lowest, whose middle is its base; chosen by hand."""
 EDGE_SIGMA_PX = 2.0
+"""How well the edge of a region in single frames is known, px of the shrunk maps; by hand."""
 
 
 class StillCameraResult(NamedTuple):
@@ -44,7 +48,7 @@ def find_bearings(
     Args:
         detections: Of frames by one camera at rest.
         camera: The pinhole that took them.
-        consecutive: Frames of it that follow each other closely; too few say nothing.
+        consecutive: Frames of it that follow each other closely; too few are not used.
         seed: Of the random shifts and orders of the nulls.
     """
     small = camera.scaled(min(1.0, FUSION_WIDTH_PX / camera.width))

@@ -1,4 +1,4 @@
-"""Parts of an image that speak for a plume."""
+"""Parts of an image with evidence for a plume."""
 
 from typing import NamedTuple
 
@@ -8,10 +8,11 @@ import numpy as np
 from geometry.arrays import BoolArray
 
 FALSE_ALARM = 0.01
+"""Probability that an image without plumes yields a region; the promise of the map, by hand."""
 
 
 class Region(NamedTuple):
-    """Pixels that belong together, what they say, and how often chance alone says so.
+    """Pixels that belong together, their evidence, and how often chance alone makes as much.
 
     Attributes:
         mask: (H, W) the pixels.

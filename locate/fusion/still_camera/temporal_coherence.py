@@ -1,7 +1,7 @@
-"""Regions before a camera at rest whose displacement lasts from one frame to the next.
+"""Regions before a camera at rest whose displacement is coherent from one frame to the next.
 
-They show fluctuations far below the noise of a single frame. What springs back, as branches and
-flags do, is told from air and left out.
+They show fluctuations far below the noise of a single frame. What oscillates, as branches and
+flags do, is left out.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,12 @@ from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected_pa
 from locate.fusion.views import correlation_area
 
 COHERENT_SIGMAS, EVIDENT_SIGMAS = 2.0, 3.5
+"""Above chance, of every pixel of a region and of its strongest one; chosen by hand."""
 GAP_PX, BLURRED_PX = 15, 17
+"""Regions less than `GAP_PX` apart are one; `BLURRED_PX` is the width that pooling smears a region
+over; px of the shrunk maps, chosen by hand."""
 FEWEST_FRAMES, LEAST_NATS = 24, 20.0
+"""Frames that are needed, and evidence that a region needs whatever chance makes; by hand."""
 ONLY_STRONG = "only what single frames show is reported; weaker plumes are missed."
 TOO_SLOW = (
     f"Fewer than {FEWEST_FRAMES} frames are known to follow each other within a tenth of a second "
@@ -32,11 +36,11 @@ EVERYWHERE = (
 
 
 class CoherentRegions(NamedTuple):
-    """What lasts.
+    """What is coherent in time.
 
     Attributes:
-        regions: Those that speak for air.
-        oscillating: (H, W) where something springs back.
+        regions: Those that may be air.
+        oscillating: (H, W) where something oscillates.
         notes: What limits this.
     """
 
@@ -48,12 +52,12 @@ class CoherentRegions(NamedTuple):
 def find_coherent_regions(
     images: Sequence[GreyImage], size: tuple[int, int], rng: np.random.Generator
 ) -> CoherentRegions:
-    """Looks at frames by a camera at rest that follow each other closely.
+    """Finds what moves coherently in frames by a camera at rest that follow each other closely.
 
     Args:
-        images: The frames; too few say nothing.
+        images: The frames; too few yield nothing.
         size: Width and height of the maps to make of them, px.
-        rng: Of the random orders that say what chance makes.
+        rng: Of the random orders that show what chance makes.
     """
     still = np.zeros(size[::-1], dtype=bool)
     if len(images) < FEWEST_FRAMES:
@@ -104,7 +108,7 @@ def _strongest_region(sigmas: FloatMap, samples: float) -> float:
 def _evident_regions(sigmas: FloatMap, samples: float) -> list[tuple[BoolArray, float]]:
     """Regions above zero, somewhere clearly: mask and nats of each.
 
-    What stands apart by less than `GAP_PX` is one: a plume shows where its background does.
+    What is less than `GAP_PX` apart is one: a plume shows only before a textured background.
     """
     coherent = sigmas > COHERENT_SIGMAS
     joined = cv2.morphologyEx(coherent.astype(np.uint8), cv2.MORPH_CLOSE, _disc(GAP_PX)) > 0
