@@ -25,7 +25,7 @@ from locate.evaluation import evaluate_map
 from locate.journal.progress import silent
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
-from locate.pipeline.decide import decide
+from locate.pipeline.decide import fuse_detections
 from locate.pipeline.detections import measure_frames
 from locate.pipeline.points import load_points
 from locate.recording import KeyFrames
@@ -88,7 +88,9 @@ def found(
         detector = make_detector(detector_name, points_in_world=points)
         inserted = replace(source, folder=folder)
         measure_frames(inserted, detector, folder / "detections", most=most, report=silent)
-        plume_map = decide(folder / "detections", inserted, folder / "evidence.npz", seed=0)
+        plume_map = fuse_detections(
+            folder / "detections", inserted, folder / "evidence.npz", seed=0
+        )
     assert source.trajectory is not None
     evaluation = evaluate_map(plume_map, source.trajectory, leak, None)
     return bool(evaluation.plumes), plume_map

@@ -11,13 +11,12 @@ import numpy as np
 
 from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX
-from geometry.atomic import atomic_path
+from geometry.atomic import atomic_path, write_text_atomic
 from geometry.errors import BadInputError
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
 from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.journal.progress import Report, silent
-from locate.pipeline.run_folder import replace_text
 from locate.recording.frame_files import FrameFiles
 from locate.recording.images import write_png
 from locate.recording.recording import ANY_SIDE, open_recording
@@ -100,7 +99,7 @@ def look(
         "frames": [asdict(one) for one in seen],
         "notes": recording.warnings,
     }
-    replace_text(output / INDEX, json.dumps(content, indent=1))
+    write_text_atomic(output / INDEX, json.dumps(content, indent=1))
     return seen
 
 
@@ -153,7 +152,7 @@ def _claimed(output: Path) -> Iterator[Path]:
             )
         for name in (*FOLDERS, VIDEO, WORKSHOP):
             remove_inside(output, name)
-        replace_text(output / INDEX, json.dumps({"schema": SCHEMA, "frames": []}))
+        write_text_atomic(output / INDEX, json.dumps({"schema": SCHEMA, "frames": []}))
         for name in (*FOLDERS, WORKSHOP):
             (output / name).mkdir()
     except OSError as error:

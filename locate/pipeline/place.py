@@ -1,55 +1,34 @@
 """The stage that places: scale, up and position on the Earth, from the recording's telemetry."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from geometry.arrays import BoolArray, FloatArray
+from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import (
     Constraint,
-    Georeference,
-    HeightDatum,
     ScaleConstraint,
-    UpConstraint,
     fit_similarity,
 )
-from geometry.georeference.fixes import positions_of_cameras
-from geometry.georeference.gravity import up_from_gimbal, up_from_ground
+from geometry.georeference.gravity import up_from_ground
 from geometry.georeference.lengths import scale_from_height
 from geometry.trajectory import Trajectory
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
+from locate.pipeline.place_by_track import place_by_track
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points, save_points
 from locate.pipeline.poses import names_of
 from locate.pipeline.source import Source
 from locate.recording import KeyFrames
 from locate.telemetry import (
-    AltitudeDatum,
-    TelemetryTrack,
-    estimate_offset,
-    path_speeds,
     read_telemetry,
 )
-from locate.telemetry.track import COLUMNS
 
-HORIZONTAL_SIGMA_M, VERTICAL_SIGMA_M = 3.0, 6.0
-SHARED_SIGMA_M = (2.0, 2.0, 4.0)
-PRECISE_SIGMA_M = 0.5
-KNOWN_SHARE = 0.5
 CAMERA_HEIGHT_SIGMA = 0.05
-ON_THE_VIDEO_CLOCK = ("video subtitle", "DJI SRT")
-DATUMS = {
-    AltitudeDatum.ELLIPSOID: HeightDatum.ELLIPSOID,
-    AltitudeDatum.MEAN_SEA_LEVEL: HeightDatum.MEAN_SEA_LEVEL,
-    AltitudeDatum.TAKEOFF: HeightDatum.TAKEOFF,
-    AltitudeDatum.UNKNOWN: HeightDatum.UNKNOWN,
-}
+"""Relative standard deviation of a stated height of the cameras above the ground."""
 
 
 def place_run(
@@ -127,7 +106,7 @@ def place_reconstruction(
     Raises:
         BadInputError: What was asked for cannot be used.
     """
-    ground = [*_ground(trajectory, points_in_world, camera_height_m), *lengths]
+    ground = [*_ground_constraints(trajectory, points_in_world, camera_height_m), *lengths]
     notes: tuple[str, ...] = ()
     for path in telemetry:
         try:
@@ -137,7 +116,7 @@ def place_reconstruction(
                 raise
             continue
         try:
-            return _by_track(trajectory, frames, track, ground)
+            return place_by_track(trajectory, frames, track, ground)
         except BadInputError as error:
             if asked:
                 raise
@@ -147,7 +126,7 @@ def place_reconstruction(
     return Placement(alignment=fit_similarity(ground), notes=notes)
 
 
-def _ground(
+def _ground_constraints(
     trajectory: Trajectory, points_in_world: FloatArray | None, camera_height_m: float | None
 ) -> list[Constraint]:
     """Up by the ground plane, and the scale where the cameras' height above it is known."""
@@ -167,82 +146,3 @@ def _ground(
             raise
         return []
     return constraints
-
-
-def _by_track(
-    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack, ground: list[Constraint]
-) -> Placement:
-    records, notes = _at_frames(trajectory, frames, track)
-    altitude_m, datum = records.altitude_m, DATUMS[records.altitude_datum]
-    if not np.isfinite(altitude_m).any():
-        altitude_m, datum = records.height_m, HeightDatum.TAKEOFF
-    fixes = np.stack([records.latitude_deg, records.longitude_deg, altitude_m], axis=1)
-    known = np.isfinite(fixes).all(axis=1)
-    if not known.any():
-        raise BadInputError(f"{track.path}: no frame has a position with a height")
-    georeference = Georeference.at(fixes[known][0], datum, "first fix")
-    enu = np.full(fixes.shape, np.nan)
-    enu[known] = georeference.enu(fixes[known])
-    sigmas_m = _sigmas_m(records, track.step_m)
-    precise = bool(np.median(sigmas_m) < PRECISE_SIGMA_M)
-    positions = positions_of_cameras(
-        trajectory,
-        enu,
-        sigmas_m,
-        name=track.path.name,
-        shared_sigma_m=(0.0, 0.0, 0.0) if precise else SHARED_SIGMA_M,
-    )
-    upright = _up_by_gimbal(trajectory, records)
-    ups = [c for c in ground if isinstance(c, UpConstraint)] if upright is None else [upright]
-    scales = [c for c in ground if isinstance(c, ScaleConstraint)]
-    alignment = fit_similarity([positions, *ups, *scales])
-    return Placement(alignment=alignment, georeference=georeference, notes=notes)
-
-
-def _at_frames(
-    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack
-) -> tuple[TelemetryTrack, tuple[str, ...]]:
-    """A record for each camera, by photo name or by time."""
-    if track.times_s is None:
-        sources = {frame.index: frame.source for frame in frames.frames}
-        names = [sources[index] for index in trajectory.indices.tolist()]
-        rows = track.rows_of(names)
-        return _blanked(track.take(np.maximum(rows, 0)), rows >= 0), track.warnings
-    if not frames.is_video:
-        raise BadInputError(f"{track.path}: records have times, and photos only names")
-    if track.kind in ON_THE_VIDEO_CLOCK:
-        return track.without_repeats().at(trajectory.times_s), track.warnings
-    speeds = path_speeds(trajectory.times_s, trajectory.centers_in_world)
-    offset = estimate_offset(track, trajectory.times_s, speeds)
-    note = (
-        f"{track.path.name} was set against the video by the camera's speed: its time is the "
-        f"video's plus {offset.offset_s:.2f} +- {offset.sigma_s:.2f} s."
-    )
-    moments_s = trajectory.times_s + offset.offset_s
-    return track.without_repeats().at(moments_s), (*track.warnings, note)
-
-
-def _blanked(records: TelemetryTrack, known: BoolArray) -> TelemetryTrack:
-    """The records, nothing in those that are not known."""
-    columns: dict[str, Any] = {
-        name: np.where(known, getattr(records, name), np.nan) for name in COLUMNS
-    }
-    return replace(records, **columns)
-
-
-def _sigmas_m(records: TelemetryTrack, step_m: float) -> FloatArray:
-    """(N, 3) of the fixes: as stated, as usual for a small receiver, at least their rounding."""
-    rounding_m = step_m / np.sqrt(12)
-    horizontal = np.nan_to_num(records.horizontal_sigma_m, nan=HORIZONTAL_SIGMA_M)
-    vertical = np.nan_to_num(records.vertical_sigma_m, nan=VERTICAL_SIGMA_M)
-    horizontal = np.hypot(horizontal, rounding_m)
-    return np.stack([horizontal, horizontal, vertical], axis=1)
-
-
-def _up_by_gimbal(trajectory: Trajectory, records: TelemetryTrack) -> UpConstraint | None:
-    """Up by the camera's own attitude, where most frames have it."""
-    pitch_deg, roll_deg = records.gimbal_pitch_deg, records.gimbal_roll_deg
-    known = np.isfinite(pitch_deg) & np.isfinite(roll_deg)
-    if known.mean() < KNOWN_SHARE:
-        return None
-    return up_from_gimbal(trajectory, pitch_deg, roll_deg)

@@ -1,4 +1,4 @@
-"""A run is a folder: stages that write files, each atomic, each skipped when it stands."""
+"""A run is a folder: stages write files, all at once, and are skipped where these are valid."""
 
 import json
 import logging
@@ -6,59 +6,24 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, Self
+from typing import Any
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from geometry.atomic import atomic_path
+from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError
-from geometry.removal import is_plain_name, path_inside, remove_inside
+from geometry.removal import path_inside, remove_inside
 from locate import __version__
 from locate.journal.costs import StageTime, cpu_seconds
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import digest, fingerprint_code
+from locate.pipeline.stamp import OWN_FILES, Stamp
 
 SCHEMA = "locate.run/1"
 PARTIAL, STAMPS = ".partial", ".stages"
+"""Where stages build their files, and where it is remembered that they are done."""
 HIDDEN = (PARTIAL, STAMPS)
-OWN = (RunFiles(Path()).config.name, RunFiles(Path()).log.name)
-"""Files of the run itself; no stage makes them."""
 log = logging.getLogger("locate")
-
-
-def _checked_output(name: str) -> str:
-    if not is_plain_name(name) or name.startswith(".") or name in OWN:
-        raise ValueError(f"{name!r} is not the name of a stage's file")
-    return name
-
-
-class Stamp(BaseModel):
-    """What is remembered of a finished stage.
-
-    Attributes:
-        fingerprint: Of all that its result depends on.
-        outputs: Names of what it left, each directly below the run folder.
-        time: What it cost.
-    """
-
-    model_config = ConfigDict(strict=True, frozen=True)
-
-    fingerprint: str
-    outputs: list[Annotated[str, AfterValidator(_checked_output)]]
-    time: StageTime
-
-    def save(self, path: Path) -> None:
-        """Writes the stamp, whole or not at all."""
-        replace_text(path, self.model_dump_json(indent=1))
-
-    @classmethod
-    def load(cls, path: Path) -> Self | None:
-        """Reads what `save` wrote; None where there is no stamp, or none that can be trusted."""
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except (OSError, ValidationError):
-            return None
 
 
 class RunFolder:
@@ -87,7 +52,7 @@ class RunFolder:
         try:
             root.mkdir(parents=True, exist_ok=True)
             self._claim()
-            for name in (*HIDDEN, *OWN):
+            for name in (*HIDDEN, *OWN_FILES):
                 path_inside(root, name)
             for hidden in HIDDEN:
                 (root / hidden).mkdir(exist_ok=True)
@@ -120,7 +85,7 @@ class RunFolder:
     def save_config(self, settings: Mapping[str, Any]) -> None:
         """Writes config.yaml."""
         content = {"schema": SCHEMA, "version": __version__, **settings}
-        replace_text(self.files.config, yaml.safe_dump(content, sort_keys=False))
+        write_text_atomic(self.files.config, yaml.safe_dump(content, sort_keys=False))
 
     def stage(
         self,
@@ -148,7 +113,7 @@ class RunFolder:
         stamp = self._valid_stamp(stamp_path, fingerprint)
         if stamp is not None:
             self.times.append(stamp.time)
-            log.info("skipped, its result stands", extra={"stage": name})
+            log.info("skipped, its result is valid", extra={"stage": name})
             return
         self._withdraw(stamp_path)
         log.info("start", extra={"stage": name})
@@ -226,7 +191,7 @@ class RunFolder:
                 self._withdraw(stamp_path)
 
     def _partial(self, name: str, fingerprint: str) -> Path:
-        """The stage's workshop, kept where it was left by the same stage with the same inputs."""
+        """Where the stage builds; what the same stage left there with the same inputs is kept."""
         mine = self.root / PARTIAL / f"{name}-{fingerprint[:12]}"
         for other in (self.root / PARTIAL).glob(f"{name}-*"):
             linked = any(path.is_symlink() for path in (other, *other.rglob("*")))
@@ -242,9 +207,3 @@ class RunFolder:
             (partial / name).replace(self.root / name)
         partial.rmdir()
         return names
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Writes a text file at once or not at all."""
-    with atomic_path(path) as unfinished:
-        unfinished.write_text(text)

@@ -18,7 +18,7 @@ from geometry.trajectory import Trajectory
 from locate.map.georeferenced import georeference_map
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
-from locate.pipeline.decide import save_grid
+from locate.pipeline.evidence import save_evidence
 from locate.pipeline.run_folder import RunFolder
 from tests.locate.answers import plume, plume_map
 
@@ -134,7 +134,7 @@ def _write_detections(folder: Path, trajectory: Trajectory, sigma_px: float) -> 
     box = Box(low_in_world=np.zeros(3), voxel=1.0, shape=(1, 1, 1))
     nothing = np.zeros(box.shape, np.float32)
     grid = EvidenceGrid(box=box, llr=nothing, weight=nothing)
-    save_grid(grid, THRESHOLD_NATS, folder / "evidence.npz")
+    save_evidence(grid, THRESHOLD_NATS, folder / "evidence.npz")
 
 
 def _write_subtitles(path: Path, flown: Flown) -> None:

@@ -19,7 +19,8 @@ from locate.fusion.source.base import locate_base
 from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.pipeline.decide import cap_probability, empty_frames_notes, hidden_note
+from locate.pipeline.decide import cap_probability
+from locate.pipeline.map_notes import empty_frames_notes, hidden_note
 from locate.simulation.evidence import (
     NO_FAULTS,
     ColumnTruth,

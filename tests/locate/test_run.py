@@ -25,7 +25,8 @@ from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.fingerprint import source_of
 from locate.pipeline.run import Run
-from locate.pipeline.run_folder import RunFolder, Stamp
+from locate.pipeline.run_folder import RunFolder
+from locate.pipeline.stamp import Stamp
 from locate.recording import keyframes
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.recording.writer import LOSSLESS, open_video

@@ -1,0 +1,65 @@
+"""What the reader of a map must know, one sentence each."""
+
+from collections.abc import Sequence
+
+from detect.detection import Detection
+from detect.registry import DetectorChoice
+from geometry.covariance import sigma_along
+from geometry.trajectory import Trajectory
+from locate.fusion.search.limit import AMPLITUDES_PX
+from locate.map.plume import Plume
+
+ONE_VIEWPOINT = (
+    "The camera stood still: one viewpoint gives directions to plumes, not positions, and what "
+    "moves by itself (leaves, people) may pass for one. Move the camera around for a 3D map."
+)
+FREE_SCALE = "The scale is free: lengths are in scene units, not metres."
+BLIND = (
+    f"Even a plume of {AMPLITUDES_PX[-1]:.0f} px would have been missed in half of the places: "
+    "that none was found says little here."
+)
+GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
+
+
+def map_notes(
+    found: Sequence[Detection],
+    detector: DetectorChoice,
+    trajectory: Trajectory,
+    plumes: Sequence[Plume],
+    limit_px: float | None,
+) -> tuple[str, ...]:
+    """The notes on a map of a moving camera.
+
+    Args:
+        found: The detections it was fused from.
+        detector: That made them.
+        trajectory: Of the camera.
+        plumes: Of the map.
+        limit_px: Its detection limit, if there is one.
+    """
+    notes = empty_frames_notes(found, detector)
+    if not trajectory.metric:
+        notes.append(FREE_SCALE)
+    if not trajectory.gravity:
+        notes.append(GUESSED_UP)
+    if limit_px is None:
+        notes.append(BLIND)
+    unit_name = "m" if trajectory.metric else "scene units"
+    notes += [hidden_note(plume, unit_name) for plume in plumes if plume.source_hidden]
+    return tuple(notes)
+
+
+def empty_frames_notes(found: Sequence[Detection], detector: DetectorChoice) -> list[str]:
+    """How many of the frames hold no evidence, where the detector has a note on that."""
+    note = detector.empty_frames_note(sum(not each.llr.any() for each in found), len(found))
+    return [] if note is None else [note]
+
+
+def hidden_note(plume: Plume, unit_name: str) -> str:
+    """Where along its axis a hidden source may be, from 2 sigma below to where evidence begins."""
+    below = 2 * sigma_along(plume.source_covariance, plume.axis)
+    above = max(0.0, min(plume.extent_low, below))
+    return (
+        f"Something stands before the source of plume {plume.id}: along the axis it lies between "
+        f"{below:.2g} {unit_name} below and {above:.2g} {unit_name} above the stated point."
+    )
