@@ -22,7 +22,7 @@ from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.messages.poses import NS, StampedPose
+from locate.messages.poses import NS_PER_S, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.engine import NEW_SHARE
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
@@ -130,7 +130,7 @@ def poses_of(views: Views, first: int = 0) -> list[StampedPose]:
     assert covariances is not None
     return [
         StampedPose(
-            stamp_ns=(first + i) * NS // VIEWS_A_SECOND,
+            stamp_ns=(first + i) * NS_PER_S // VIEWS_A_SECOND,
             world_from_cam=np.asarray(np.linalg.inv(_cam_from_world(views, i)), dtype=float),
             covariance=covariances[i],
         )

@@ -17,7 +17,7 @@ from benchmarks.common.evidence import Corruption, corrupted_views, orbit, rando
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
-from locate.messages.poses import NS, StampedPose
+from locate.messages.poses import NS_PER_S, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
 
@@ -58,14 +58,16 @@ def main(options: argparse.Namespace) -> None:
     started = time.process_time()
     (plume,) = fuse(views, null=NULL).plumes
     print(f"search of {KEPT} views: {time.process_time() - started:.1f} CPU s")
-    poses = [pose(views, row, row * NS // 5) for row in range(KEPT)]
+    poses = [pose(views, row, row * NS_PER_S // 5) for row in range(KEPT)]
     follower = FixedLagSmoother(plume, views, poses, SharedError.of([]), most=KEPT)
     rows = cycle([*reversed(range(KEPT)), *range(KEPT)])
     parts = [one(views, row) for row in range(KEPT)]
     spent_ms, latest = [], plume
     for number, row in zip(range(KEPT, KEPT + options.views), rows, strict=False):
         started = time.process_time()
-        latest = follower.add(number, pose(views, row, number * NS // 5), parts[row]) or latest
+        latest = (
+            follower.add(number, pose(views, row, number * NS_PER_S // 5), parts[row]) or latest
+        )
         spent_ms.append(1e3 * (time.process_time() - started))
     for name, part in (("first 500", spent_ms[:500]), ("last 500", spent_ms[-500:])):
         p50, p99 = np.percentile(part, [50, 99])

@@ -1,1 +1,1 @@
-"""What robots say: images, poses, transforms and camera parameters, live or from a bag."""
+"""Messages of robots: images, poses, transforms and camera parameters, live or from a bag."""

@@ -17,17 +17,17 @@ IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO = "sensor_msgs/msg/CameraInfo"
 TF = "tf2_msgs/msg/TFMessage"
 OLD_TF = "tf/msg/tfMessage"
-POSES: dict[str, PoseSource] = {
+POSE_SOURCES: dict[str, PoseSource] = {
     "nav_msgs/msg/Odometry": "odometry",
     "geometry_msgs/msg/PoseWithCovarianceStamped": "pose",
     "geometry_msgs/msg/PoseStamped": "pose",
 }
-SUFFIXES = (".bag", ".mcap", ".db3")
+BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 
 
 def is_bag(path: Path) -> bool:
     """True for a .bag, .mcap or .db3 file, and for a ROS 2 bag's folder."""
-    return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
+    return path.suffix in BAG_SUFFIXES or (path / "metadata.yaml").is_file()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class TopicChoice:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator["AnyReader"]:
+def open_bag(path: Path) -> Iterator["AnyReader"]:
     """The bag, opened.
 
     Raises:
@@ -72,8 +72,8 @@ class BagTopics:
     Args:
         reader: The bag.
         path: For messages.
-        topics: Those asked for.
-        whole: False does without a camera_info or a pose where none was asked for.
+        topics: Those chosen.
+        whole: False accepts that there is no camera_info or no pose where none was chosen.
 
     Attributes:
         image: Its images.
@@ -90,16 +90,20 @@ class BagTopics:
         self._reader = reader
         self._path = path
         self._whole = whole
-        self.image = self._only(topics.image, IMAGES, "--image-topic")
+        self.image = self._choose_topic(topics.image, IMAGES, "--image-topic")
         beside = self.image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
         near = beside if beside in reader.topics else None
-        self.info = self._maybe(topics.camera_info or near, (INFO,), "--info-topic")
-        moving = not all(self.transforms.values())
+        self.info = self._choose_optional(topics.camera_info or near, (INFO,), "--info-topic")
+        moving = not all(self.transform_topics.values())
         by_tf = topics.pose == "tf" or (topics.pose is None and moving)
-        self.pose = "tf" if by_tf else self._maybe(topics.pose, tuple(POSES), "--pose-topic")
+        self.pose = (
+            "tf"
+            if by_tf
+            else self._choose_optional(topics.pose, tuple(POSE_SOURCES), "--pose-topic")
+        )
 
-    def _only(self, wanted: str | None, kinds: tuple[str, ...], option: str) -> str:
-        fitting = self._fitting(kinds)
+    def _choose_topic(self, wanted: str | None, kinds: tuple[str, ...], option: str) -> str:
+        fitting = self._topics_of(kinds)
         if wanted is not None and wanted in fitting:
             return wanted
         if wanted is None and len(fitting) == 1:
@@ -108,38 +112,40 @@ class BagTopics:
         asked = "" if wanted is None else f" {wanted}"
         raise BadInputError(f"{self._path}: {option}{asked}: {what}")
 
-    def _maybe(self, wanted: str | None, kinds: tuple[str, ...], option: str) -> str | None:
-        if not self._whole and wanted is None and not self._fitting(kinds):
+    def _choose_optional(
+        self, wanted: str | None, kinds: tuple[str, ...], option: str
+    ) -> str | None:
+        if not self._whole and wanted is None and not self._topics_of(kinds):
             return None
-        return self._only(wanted, kinds, option)
+        return self._choose_topic(wanted, kinds, option)
 
-    def _fitting(self, kinds: tuple[str, ...]) -> list[str]:
+    def _topics_of(self, kinds: tuple[str, ...]) -> list[str]:
         return sorted({c.topic for c in self._reader.connections if c.msgtype in kinds})
 
-    def wired(self, wiring: Wiring) -> Wiring:
-        """The wiring with the pose source that the topic means."""
+    def with_pose_source(self, wiring: Wiring) -> Wiring:
+        """The wiring with the pose source that the type of the pose topic implies."""
         if self.pose in (None, "tf"):
             return replace(wiring, pose_source="tf")
         kind = next(c.msgtype for c in self._reader.connections if c.topic == self.pose)
-        return replace(wiring, pose_source=POSES[kind])
+        return replace(wiring, pose_source=POSE_SOURCES[kind])
 
     @property
-    def transforms(self) -> dict[str, bool]:
-        """The topics of TF, and whether what they say holds for ever."""
+    def transform_topics(self) -> dict[str, bool]:
+        """The topics of TF; True where their transforms hold for ever (``/tf_static``)."""
         return {
             c.topic: c.topic.endswith("tf_static")
             for c in self._reader.connections
             if c.msgtype in (TF, OLD_TF)
         }
 
-    def messages(
+    def read_messages(
         self, topics: Collection[str], refuse: Callable[[str, BadInputError], object]
     ) -> Iterator[tuple[str, float, Any]]:
         """Topic, share of the bag played, and message, in order.
 
         Args:
             topics: Which.
-            refuse: Told of messages that cannot be decoded.
+            refuse: Called with each message that cannot be decoded: what it was, and why.
         """
         from rosbags.highlevel import AnyReaderError
 
@@ -147,7 +153,7 @@ class BagTopics:
         if not chosen:
             return
         start_ns, length_ns = self._reader.start_time, max(self._reader.duration, 1)
-        for connection, time_ns, data in self._stored(chosen):
+        for connection, time_ns, data in self._read_stored(chosen):
             try:
                 message = self._reader.deserialize(data, connection.msgtype)
             except AnyReaderError as error:
@@ -155,8 +161,10 @@ class BagTopics:
                 continue
             yield connection.topic, (time_ns - start_ns) / length_ns, message
 
-    def _stored(self, chosen: Sequence["Connection"]) -> Iterator[tuple["Connection", int, bytes]]:
+    def _read_stored(
+        self, chosen: Sequence["Connection"]
+    ) -> Iterator[tuple["Connection", int, bytes]]:
         try:
             yield from self._reader.messages(connections=chosen)
-        except Exception as error:  # as in `opened`
+        except Exception as error:  # as in `open_bag`
             raise BadInputError(f"{self._path}: damaged ({error})") from error

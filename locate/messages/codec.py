@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.messages.poses import NS
+from locate.messages.poses import NS_PER_S
 
 MOST_PIXELS = 1 << 28
+"""Larger images are refused: a damaged header must not fill the memory (chosen)."""
 FEWEST_BITS, MOST_BITS = 10, 16
+"""Bits that a camera with 16-bit samples uses."""
 
 _COLOURS = {
     "bgr": cv2.COLOR_BGR2GRAY,
@@ -70,12 +72,12 @@ class CompressedImageMessage(Protocol):
     data: Any
 
 
-def stamp_ns(header: MessageHeader) -> int:
-    """When, ns; the fields of ROS 2 and ROS 1 differ in name."""
+def read_stamp_ns(header: MessageHeader) -> int:
+    """The stamp of a header, ns; the fields of ROS 2 and ROS 1 differ in name."""
     stamp = header.stamp
     seconds = stamp.sec if hasattr(stamp, "sec") else stamp.secs
     rest = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsecs
-    return int(seconds) * NS + int(rest)
+    return int(seconds) * NS_PER_S + int(rest)
 
 
 class GreyReader:
@@ -94,7 +96,7 @@ class GreyReader:
         Raises:
             BadInputError: The encoding is not known, or the data is not what the header says.
         """
-        image = decompressed(message) if hasattr(message, "format") else unpacked(message)
+        image = decompress_image(message) if hasattr(message, "format") else unpack_image(message)
         return self._in_8_bits(image)
 
     def _in_8_bits(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> GreyImage:
@@ -105,7 +107,7 @@ class GreyReader:
         return np.asarray(image >> (self._bits - 8), dtype=np.uint8)
 
 
-def unpacked(message: ImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def unpack_image(message: ImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """The (H, W) grey samples of an uncompressed image, uint8 or native uint16.
 
     Raises:
@@ -113,23 +115,23 @@ def unpacked(message: ImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """
     encoding = _RAW.get(message.encoding, message.encoding)
     if encoding in _LUMA_FIRST:
-        pairs = _rows(message, channels=2, bits=8)
+        pairs = _unpack_rows(message, channels=2, bits=8)
         return np.ascontiguousarray(pairs[..., 0 if _LUMA_FIRST[encoding] else 1])
-    kind, bits = _kind_and_bits(encoding)
+    kind, bits = _split_encoding(encoding)
     if kind == "mono":
-        return _rows(message, channels=1, bits=bits)[..., 0]
+        return _unpack_rows(message, channels=1, bits=bits)[..., 0]
     if kind in _MOSAICS:
-        mosaic = np.ascontiguousarray(_rows(message, channels=1, bits=bits)[..., 0])
+        mosaic = np.ascontiguousarray(_unpack_rows(message, channels=1, bits=bits)[..., 0])
         if min(mosaic.shape) < 4:
             raise BadInputError(f"image of {mosaic.shape} is too small for {encoding}")
         return np.asarray(cv2.cvtColor(mosaic, _MOSAICS[kind]))
     if kind in _COLOURS:
-        colours = np.ascontiguousarray(_rows(message, channels=len(kind), bits=bits))
+        colours = np.ascontiguousarray(_unpack_rows(message, channels=len(kind), bits=bits))
         return np.asarray(cv2.cvtColor(colours, _COLOURS[kind]))
     raise BadInputError(f"image encoding {message.encoding!r} is not supported")
 
 
-def decompressed(message: CompressedImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def decompress_image(message: CompressedImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """The (H, W) grey samples of a JPEG or PNG message.
 
     Raises:
@@ -149,7 +151,7 @@ def decompressed(message: CompressedImageMessage) -> NDArray[np.uint8] | NDArray
     return np.asarray(image)
 
 
-def _kind_and_bits(encoding: str) -> tuple[str, int]:
+def _split_encoding(encoding: str) -> tuple[str, int]:
     for bits in (16, 8):
         if encoding.endswith(str(bits)):
             return encoding.removesuffix(str(bits)), bits
@@ -162,7 +164,7 @@ def _as_bytes(data: Any) -> NDArray[np.uint8]:
     return np.frombuffer(data, dtype=np.uint8)
 
 
-def _rows(message: ImageMessage, *, channels: int, bits: int) -> NDArray[Any]:
+def _unpack_rows(message: ImageMessage, *, channels: int, bits: int) -> NDArray[Any]:
     """(H, W, channels) samples without the padding of the rows, in the machine's byte order."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     row_bytes = width * channels * (bits // 8)
@@ -194,7 +196,7 @@ def camera_from_info(message: Any, *, rectified: bool = False) -> Camera:
     Raises:
         BadInputError: It is not calibrated, or its distortion model is not known.
     """
-    matrix = np.array(_field(message, "p" if rectified else "k"), dtype=float).reshape(3, -1)
+    matrix = np.array(_read_field(message, "p" if rectified else "k"), dtype=float).reshape(3, -1)
     if not matrix[0, 0] > 0 or not matrix[1, 1] > 0:
         raise BadInputError("camera_info has no focal length: calibrate the camera")
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
@@ -207,8 +209,8 @@ def camera_from_info(message: Any, *, rectified: bool = False) -> Camera:
         (cx - roi.x_offset + 0.5) / across - 0.5,
         (cy - roi.y_offset + 0.5) / down - 0.5,
     )
-    distortion = np.zeros(0) if rectified else np.array(_field(message, "d"), dtype=float)
-    model, more = _distortion(message.distortion_model, distortion)
+    distortion = np.zeros(0) if rectified else np.array(_read_field(message, "d"), dtype=float)
+    model, more = _convert_distortion(message.distortion_model, distortion)
     params = (*focal_and_centre, *more)
     return Camera(
         model=model,
@@ -218,12 +220,14 @@ def camera_from_info(message: Any, *, rectified: bool = False) -> Camera:
     )
 
 
-def _field(message: Any, name: str) -> Any:
+def _read_field(message: Any, name: str) -> Any:
     """A field that ROS 1 writes in capitals."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
-def _distortion(name: str, coefficients: NDArray[np.float64]) -> tuple[str, tuple[float, ...]]:
+def _convert_distortion(
+    name: str, coefficients: NDArray[np.float64]
+) -> tuple[str, tuple[float, ...]]:
     """COLMAP's model, and its parameters after the principal point."""
     if not coefficients.any():
         return "PINHOLE", ()

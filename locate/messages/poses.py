@@ -13,9 +13,11 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 
-NS = 1_000_000_000
+NS_PER_S = 1_000_000_000
 RIGID_TOLERANCE = 1e-3
-UNKNOWN = np.full((6, 6), np.nan)
+"""Largest error of an entry of R^T R that float32 messages and rounded files need (chosen)."""
+UNKNOWN_COVARIANCE = np.full((6, 6), np.nan)
+"""Of poses that come without one."""
 
 _stamp = attrgetter("stamp_ns")
 
@@ -68,7 +70,7 @@ class PoseBuffer:
         max_gap_ns: Across a longer gap nothing is interpolated.
     """
 
-    def __init__(self, *, kept_ns: int = 30 * NS, max_gap_ns: int = NS // 2) -> None:
+    def __init__(self, *, kept_ns: int = 30 * NS_PER_S, max_gap_ns: int = NS_PER_S // 2) -> None:
         self._poses: list[StampedPose] = []
         self._kept_ns = kept_ns
         self._max_gap_ns = max_gap_ns
@@ -86,7 +88,7 @@ class PoseBuffer:
         oldest_ns = self._poses[-1].stamp_ns - self._kept_ns
         del self._poses[: bisect_left(self._poses, oldest_ns, key=_stamp)]
 
-    def at(self, stamp_ns: int) -> StampedPose | None:
+    def interpolate_at(self, stamp_ns: int) -> StampedPose | None:
         """The pose at `stamp_ns`, or None where no two poses near enough stand around it (yet).
 
         The rotation follows the great arc, the translation the line, the covariance the line too:
@@ -104,14 +106,16 @@ class PoseBuffer:
         gap_ns = after.stamp_ns - before.stamp_ns
         if gap_ns > self._max_gap_ns:
             return None
-        return _between(before, after, (stamp_ns - before.stamp_ns) / gap_ns, stamp_ns)
+        return _interpolate(before, after, (stamp_ns - before.stamp_ns) / gap_ns, stamp_ns)
 
     def clear(self) -> None:
         """Forgets every pose."""
         self._poses.clear()
 
 
-def _between(before: StampedPose, after: StampedPose, share: float, stamp_ns: int) -> StampedPose:
+def _interpolate(
+    before: StampedPose, after: StampedPose, share: float, stamp_ns: int
+) -> StampedPose:
     start = Rotation.from_matrix(before.world_from_cam[:3, :3])
     turn = (start.inv() * Rotation.from_matrix(after.world_from_cam[:3, :3])).as_rotvec()
     pose = before.world_from_cam + share * (after.world_from_cam - before.world_from_cam)
@@ -120,7 +124,7 @@ def _between(before: StampedPose, after: StampedPose, share: float, stamp_ns: in
     return replace(before, stamp_ns=stamp_ns, world_from_cam=pose, covariance=covariance)
 
 
-def as_trajectory(
+def trajectory_from_poses(
     poses: Sequence[StampedPose], numbers: Sequence[int], camera: Camera
 ) -> Trajectory:
     """The poses as a metric trajectory whose world has Z up.
@@ -137,7 +141,7 @@ def as_trajectory(
     return Trajectory(
         camera=camera,
         indices=np.array(numbers, dtype=np.int64),
-        times_s=np.array([(pose.stamp_ns - start_ns) / NS for pose in poses]),
+        times_s=np.array([(pose.stamp_ns - start_ns) / NS_PER_S for pose in poses]),
         rotations=rotations,
         translations=-np.einsum("nij,nj->ni", rotations, moved[:, :3, 3]),
         covariances=None if np.isnan(covariances).all() else covariances,

@@ -1,4 +1,4 @@
-"""Pose messages to the project's poses, and a small buffer of the transforms between frames."""
+"""Pose messages converted to poses, and a small buffer of the transforms between frames."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,13 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from locate.messages.codec import stamp_ns
-from locate.messages.poses import UNKNOWN, PoseBuffer, StampedPose
+from locate.messages.codec import read_stamp_ns
+from locate.messages.poses import UNKNOWN_COVARIANCE, PoseBuffer, StampedPose
 
-DEEPEST = 64
+MOST_FRAMES = 64
+"""Frames from one to the root, at most: a loop of frames ends there (chosen)."""
 
 
-def matrix_of(translation: Any, rotation: Any) -> FloatArray:
+def pose_matrix(translation: Any, rotation: Any) -> FloatArray:
     """(4, 4) of a message's translation (or position) and quaternion.
 
     Raises:
@@ -39,13 +40,13 @@ def tangent_covariance(world_from_body: FloatArray, ros_covariance: Any) -> Floa
     """
     given = np.array(ros_covariance, dtype=float).reshape(6, 6)
     if not np.isfinite(given).all() or (np.diag(given) < 0).any() or not given.any():
-        return UNKNOWN
+        return UNKNOWN_COVARIANCE
     swapped = np.roll(given, (3, 3), axis=(0, 1))
     body_from_world = np.kron(np.eye(2), world_from_body[:3, :3].T)
     return np.asarray(body_from_world @ swapped @ body_from_world.T)
 
 
-def moved_covariance(body_from_cam: FloatArray, covariance: FloatArray) -> FloatArray:
+def camera_covariance(body_from_cam: FloatArray, covariance: FloatArray) -> FloatArray:
     """(6, 6) of world_from_cam from that of world_from_body; the mounting is taken as exact."""
     moved = np.asarray(gtsam.Pose3(np.linalg.inv(body_from_cam)).AdjointMap())
     return np.asarray(moved @ covariance @ moved.T)
@@ -59,7 +60,7 @@ def ros_covariance(world_from_body: FloatArray, covariance: FloatArray) -> Float
 
 
 class TransformTree:
-    """Which frame stands where in which, by time: what a robot's TF says."""
+    """The transforms between a robot's frames over time, as TF sends them."""
 
     def __init__(self) -> None:
         self._parents: dict[str, str] = {}
@@ -74,47 +75,50 @@ class TransformTree:
         """
         stamps = []
         for one in transforms:
-            child, parent = _name(one.child_frame_id), _name(one.header.frame_id)
+            child, parent = _plain_name(one.child_frame_id), _plain_name(one.header.frame_id)
             try:
-                matrix = matrix_of(one.transform.translation, one.transform.rotation)
+                matrix = pose_matrix(one.transform.translation, one.transform.rotation)
             except BadInputError:
                 continue
             self._parents[child] = parent
-            stamps.append(stamp_ns(one.header))
+            stamps.append(read_stamp_ns(one.header))
             if static:
                 self._fixed[child] = matrix
             else:
                 buffer = self._moving.setdefault(child, PoseBuffer())
                 buffer.add(
-                    StampedPose(stamp_ns=stamps[-1], world_from_cam=matrix, covariance=UNKNOWN)
+                    StampedPose(
+                        stamp_ns=stamps[-1], world_from_cam=matrix, covariance=UNKNOWN_COVARIANCE
+                    )
                 )
         return stamps
 
     def find(self, target: str, source: str, stamp: int) -> FloatArray | None:
-        """(4, 4) target_from_source at `stamp` ns, None where TF does not say (yet)."""
-        up_source, up_target = self._upwards(_name(source)), self._upwards(_name(target))
+        """(4, 4) target_from_source at `stamp` ns, None where TF does not hold it (yet)."""
+        up_source = self._path_to_root(_plain_name(source))
+        up_target = self._path_to_root(_plain_name(target))
         meeting = next((frame for frame in up_source if frame in up_target), None)
         if meeting is None:
             return None
-        from_source = self._climbed(up_source[: up_source.index(meeting)], stamp)
-        from_target = self._climbed(up_target[: up_target.index(meeting)], stamp)
+        from_source = self._chain_transforms(up_source[: up_source.index(meeting)], stamp)
+        from_target = self._chain_transforms(up_target[: up_target.index(meeting)], stamp)
         if from_source is None or from_target is None:
             return None
         return np.asarray(np.linalg.inv(from_target) @ from_source)
 
-    def _upwards(self, frame: str) -> list[str]:
+    def _path_to_root(self, frame: str) -> list[str]:
         path = [frame]
-        while (parent := self._parents.get(path[-1])) is not None and len(path) < DEEPEST:
+        while (parent := self._parents.get(path[-1])) is not None and len(path) < MOST_FRAMES:
             path.append(parent)
         return path
 
-    def _climbed(self, frames: list[str], stamp: int) -> FloatArray | None:
+    def _chain_transforms(self, frames: list[str], stamp: int) -> FloatArray | None:
         """The product of the transforms of `frames` in their parents."""
         total = np.eye(4)
         for frame in frames:
             step = self._fixed.get(frame)
             if step is None:
-                pose = self._moving[frame].at(stamp)
+                pose = self._moving[frame].interpolate_at(stamp)
                 if pose is None:
                     return None
                 step = pose.world_from_cam
@@ -122,6 +126,6 @@ class TransformTree:
         return total
 
 
-def _name(frame: str) -> str:
+def _plain_name(frame: str) -> str:
     """Older software writes a slash in front."""
     return frame.removeprefix("/")

@@ -7,12 +7,12 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from locate.messages.codec import stamp_ns
-from locate.messages.poses import UNKNOWN, StampedPose
+from locate.messages.codec import read_stamp_ns
+from locate.messages.poses import UNKNOWN_COVARIANCE, StampedPose
 from locate.messages.transforms import (
     TransformTree,
-    matrix_of,
-    moved_covariance,
+    camera_covariance,
+    pose_matrix,
     tangent_covariance,
 )
 
@@ -54,19 +54,19 @@ class Wiring:
     def stated_covariance(self) -> FloatArray:
         """(6, 6) of poses that come without one; NaN where it is unknown."""
         if self.pose_sigma_m <= 0 or self.pose_sigma_deg <= 0:
-            return UNKNOWN
+            return UNKNOWN_COVARIANCE
         sigmas = np.repeat([np.radians(self.pose_sigma_deg), self.pose_sigma_m], 3)
         return np.diag(sigmas**2)
 
 
 class PoseResolver:
-    """Says where the camera was, by a robot's messages.
+    """Finds where the camera was, by a robot's messages.
 
     Args:
         wiring: How the robot's frames hang together.
 
     Attributes:
-        tree: What TF has said.
+        tree: The transforms that TF has sent.
         camera_frame: Of the images; empty until one has come.
     """
 
@@ -75,25 +75,25 @@ class PoseResolver:
         self.camera_frame = wiring.camera_frame
         self._wiring = wiring
 
-    def by_tf(self, stamp: int) -> StampedPose | None:
-        """The pose at `stamp` ns by TF, or None where it does not say (yet)."""
+    def pose_from_tf(self, stamp: int) -> StampedPose | None:
+        """The pose at `stamp` ns by TF, or None where it does not hold it (yet)."""
         found = self.tree.find(self._wiring.world_frame, self.camera_frame, stamp)
         if found is None:
             return None
         covariance = self._wiring.stated_covariance
         return StampedPose(stamp_ns=stamp, world_from_cam=found, covariance=covariance)
 
-    def by_message(self, message: Any) -> StampedPose:
+    def pose_from_message(self, message: Any) -> StampedPose:
         """The pose by an `Odometry`, `PoseWithCovarianceStamped` or `PoseStamped` of the body.
 
         Raises:
-            BadInputError: It is none, or TF does not say how the camera is mounted.
+            BadInputError: It holds no pose, or TF does not hold how the camera is mounted.
         """
-        stamp = stamp_ns(message.header)
+        stamp = read_stamp_ns(message.header)
         body = self._wiring.body_frame or getattr(message, "child_frame_id", "")
         bare = not hasattr(message.pose, "pose")
         pose = message.pose if bare else message.pose.pose
-        world_from_body = matrix_of(pose.position, pose.orientation)
+        world_from_body = pose_matrix(pose.position, pose.orientation)
         mount = self.tree.find(body, self.camera_frame, stamp) if body else np.eye(4)
         if mount is None:
             raise BadInputError(f"TF does not say where {self.camera_frame!r} is in {body!r}")
@@ -104,5 +104,5 @@ class PoseResolver:
         return StampedPose(
             stamp_ns=stamp,
             world_from_cam=world_from_body @ mount,
-            covariance=moved_covariance(mount, covariance),
+            covariance=camera_covariance(mount, covariance),
         )

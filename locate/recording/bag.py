@@ -10,13 +10,13 @@ from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
-from locate.messages.bags import BagTopics, TopicChoice, opened
-from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
-from locate.messages.poses import NS, PoseBuffer, StampedPose, as_trajectory
+from locate.messages.bags import BagTopics, TopicChoice, open_bag
+from locate.messages.codec import GreyReader, camera_from_info, read_stamp_ns
+from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose, trajectory_from_poses
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
 
-PENDING_NS = 10 * NS
+PENDING_NS = 10 * NS_PER_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +63,9 @@ class BagRecording:
     @cached_property
     def camera(self) -> Camera | None:
         """By the first camera_info that can be used; None where there is none."""
-        with opened(self.path) as reader:
+        with open_bag(self.path) as reader:
             topics = BagTopics(reader, self.path, self.topics, whole=False)
-            for _, _, message in topics.messages([topics.info] if topics.info else [], _pass):
+            for _, _, message in topics.read_messages([topics.info] if topics.info else [], _pass):
                 try:
                     return camera_from_info(message, rectified=self.wiring.rectified)
                 except BadInputError:
@@ -82,20 +82,20 @@ class BagRecording:
             BadInputError: The topic does not say where the camera was at any of them, or the
                 camera is missing.
         """
-        with opened(self.path) as reader:
+        with open_bag(self.path) as reader:
             topics = BagTopics(reader, self.path, self.topics, whole=False)
             if topics.pose is None:
                 return None
             if camera is None:
                 raise BadInputError(f"{self.path}: holds poses and no camera_info; give --camera")
-            search = _PoseSearch(topics.wired(self.wiring))
+            search = _PoseSearch(topics.with_pose_source(self.wiring))
             found = {pose.stamp_ns: pose for pose in search.run(topics)}
         if not found:
             why = search.refusal or f"TF does not lead from the images to {self.wiring.world_frame}"
             raise BadInputError(f"{self.path}: no image has a pose ({why}); see --pose-topic")
         poses = [found[stamp] for stamp in sorted(found)]
         return NamedPoses(
-            trajectory=as_trajectory(poses, range(len(poses)), camera),
+            trajectory=trajectory_from_poses(poses, range(len(poses)), camera),
             names=tuple(str(pose.stamp_ns) for pose in poses),
             path=self.path,
         )
@@ -103,24 +103,24 @@ class BagRecording:
     @cached_property
     def has_poses(self) -> bool:
         """Whether the bag holds poses: without them a map is in no frame of the robot's."""
-        with opened(self.path) as reader:
+        with open_bag(self.path) as reader:
             return BagTopics(reader, self.path, self.topics, whole=False).pose is not None
 
     def _images(self, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
         """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""
         grey = GreyReader()
         start_ns: int | None = None
-        with opened(self.path) as reader:
+        with open_bag(self.path) as reader:
             topics = BagTopics(reader, self.path, self.topics, whole=False)
-            for _, _, message in topics.messages([topics.image], _pass):
+            for _, _, message in topics.read_messages([topics.image], _pass):
                 try:
-                    image, stamp = grey.read(message), stamp_ns(message.header)
+                    image, stamp = grey.read(message), read_stamp_ns(message.header)
                 except BadInputError as error:
                     if not warnings:
                         warnings.append(f"{self.path.name}: not every image can be read ({error})")
                     continue
                 start_ns = stamp if start_ns is None else start_ns
-                yield (stamp - start_ns) / NS, str(stamp), image
+                yield (stamp - start_ns) / NS_PER_S, str(stamp), image
 
 
 class _PoseSearch:
@@ -128,35 +128,43 @@ class _PoseSearch:
 
     def __init__(self, wiring: Wiring) -> None:
         self.refusal = ""
-        self._poser = PoseResolver(wiring)
+        self._pose_resolver = PoseResolver(wiring)
         self._poses = PoseBuffer()
         self._by_tf = wiring.pose_source == "tf"
         self._pending: list[int] = []
 
     def run(self, topics: BagTopics) -> Iterator[StampedPose]:
-        transforms = topics.transforms
-        for topic, _, message in topics.messages([t for t in transforms if transforms[t]], _pass):
-            self._poser.tree.add(message.transforms, static=transforms[topic])
+        transforms = topics.transform_topics
+        for topic, _, message in topics.read_messages(
+            [t for t in transforms if transforms[t]], _pass
+        ):
+            self._pose_resolver.tree.add(message.transforms, static=transforms[topic])
         poses = [] if self._by_tf or topics.pose is None else [topics.pose]
-        for topic, _, message in topics.messages([topics.image, *transforms, *poses], _pass):
+        for topic, _, message in topics.read_messages([topics.image, *transforms, *poses], _pass):
             if topic == topics.image:
-                self._poser.camera_frame = self._poser.camera_frame or message.header.frame_id
-                self._pending.append(stamp_ns(message.header))
+                self._pose_resolver.camera_frame = (
+                    self._pose_resolver.camera_frame or message.header.frame_id
+                )
+                self._pending.append(read_stamp_ns(message.header))
             elif topic in transforms:
-                self._poser.tree.add(message.transforms, static=transforms[topic])
+                self._pose_resolver.tree.add(message.transforms, static=transforms[topic])
             else:
                 self._add(message)
             yield from self._found()
 
     def _add(self, message: Any) -> None:
         try:
-            self._poses.add(self._poser.by_message(message))
+            self._poses.add(self._pose_resolver.pose_from_message(message))
         except BadInputError as error:
             self.refusal = str(error)
 
     def _found(self) -> Iterator[StampedPose]:
         for stamp in list(self._pending):
-            pose = self._poser.by_tf(stamp) if self._by_tf else self._poses.at(stamp)
+            pose = (
+                self._pose_resolver.pose_from_tf(stamp)
+                if self._by_tf
+                else self._poses.interpolate_at(stamp)
+            )
             if pose is not None:
                 yield pose
             if pose is not None or stamp < self._pending[-1] - PENDING_NS:

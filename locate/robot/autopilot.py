@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
-from locate.messages.poses import UNKNOWN, StampedPose
-from locate.messages.transforms import moved_covariance, tangent_covariance
+from locate.messages.poses import UNKNOWN_COVARIANCE, StampedPose
+from locate.messages.transforms import camera_covariance, tangent_covariance
 
 NS_PER_MS, NS_PER_US = 1_000_000, 1000
 OLDEST_ATTITUDE_MS = 100
@@ -54,7 +54,7 @@ def camera_pose(message: Any, body_from_cam: FloatArray = FORWARD_CAMERA) -> Sta
     return StampedPose(
         stamp_ns=int(message.time_usec) * NS_PER_US,
         world_from_cam=world_from_body @ body_from_cam,
-        covariance=moved_covariance(body_from_cam, covariance),
+        covariance=camera_covariance(body_from_cam, covariance),
     )
 
 
@@ -65,7 +65,7 @@ def _covariance(
     upper = np.zeros((6, 6))
     upper[np.triu_indices(6)] = triangle
     if not np.isfinite(upper).all():
-        return UNKNOWN
+        return UNKNOWN_COVARIANCE
     whole = upper + np.triu(upper, 1).T
     both = np.kron(np.eye(2), turn)
     return tangent_covariance(world_from_body, (both @ whole @ both.T).ravel())
@@ -141,5 +141,5 @@ class Autopilot:
         return StampedPose(
             stamp_ns=self._boot_ns + now_ms * NS_PER_MS,
             world_from_cam=world_from_body @ self._body_from_cam,
-            covariance=moved_covariance(self._body_from_cam, np.diag(self._variances)),
+            covariance=camera_covariance(self._body_from_cam, np.diag(self._variances)),
         )

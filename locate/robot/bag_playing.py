@@ -9,7 +9,7 @@ from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
 from locate.journal.progress import Report, silent
 from locate.map.plume import PlumeMap
-from locate.messages.bags import BagTopics, TopicChoice, opened
+from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.wiring import Wiring
 from locate.robot.bag_results import write_updates
 from locate.robot.message_adapter import MessageAdapter
@@ -42,10 +42,10 @@ def locate_in_bag(
     Raises:
         BadInputError: The bag cannot be read, or does not hold what is needed.
     """
-    with opened(path) as reader:
+    with open_bag(path) as reader:
         chosen = BagTopics(reader, path, topics)
         feeder = MessageAdapter(
-            chosen.wired(wiring), settings=settings, detector=detector, threaded=False
+            chosen.with_pose_source(wiring), settings=settings, detector=detector, threaded=False
         )
         news = list(_play(chosen, feeder, report))
         if feeder.locator is None or not feeder.locator.counts.key_frames:
@@ -63,18 +63,18 @@ def _play(topics: BagTopics, feeder: MessageAdapter, report: Report) -> Iterator
     assert topics.info is not None
     takers: dict[str, Callable[[Any], None]] = {
         topic: feeder.static_transforms if static else feeder.transforms
-        for topic, static in topics.transforms.items()
+        for topic, static in topics.transform_topics.items()
     }
-    for topic, _, message in topics.messages(_static(topics), feeder.refuse):
+    for topic, _, message in topics.read_messages(_static(topics), feeder.refuse):
         takers[topic](message)
-    for _, _, message in topics.messages([topics.info], feeder.refuse):
+    for _, _, message in topics.read_messages([topics.info], feeder.refuse):
         feeder.info(message)
         if feeder.locator is not None:
             break
     takers |= {topics.image: feeder.image, topics.info: feeder.info}
     if topics.pose not in (None, "tf"):
         takers[topics.pose] = feeder.body_pose
-    for topic, share, message in topics.messages(takers, feeder.refuse):
+    for topic, share, message in topics.read_messages(takers, feeder.refuse):
         takers[topic](message)
         report("bag", share)
         if feeder.locator is not None:
@@ -83,4 +83,4 @@ def _play(topics: BagTopics, feeder: MessageAdapter, report: Report) -> Iterator
 
 
 def _static(topics: BagTopics) -> list[str]:
-    return [topic for topic, static in topics.transforms.items() if static]
+    return [topic for topic, static in topics.transform_topics.items() if static]

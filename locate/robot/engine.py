@@ -11,7 +11,7 @@ from geometry.grid import lever_gate
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.messages.poses import as_trajectory
+from locate.messages.poses import trajectory_from_poses
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.robot.plume_tracks import PlumeTracks, PlumeUpdate, TrackState, ViewSpan, as_column
@@ -116,7 +116,7 @@ class PlumeEngine:
     def _decided(self, evidence: EvidenceWindow) -> list[PlumeUpdate]:
         poses, numbers, views = evidence.poses(), evidence.numbers, evidence.views()
         shared = SharedError.of(poses if self._settings.drift else [])
-        own = as_trajectory(shared.taken_out(poses), numbers, views.trajectory.camera)
+        own = trajectory_from_poses(shared.taken_out(poses), numbers, views.trajectory.camera)
         views = replace(views, trajectory=own)
         if np.isnan(views.unit):
             return []

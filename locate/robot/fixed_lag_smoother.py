@@ -17,7 +17,7 @@ from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import Sway
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.messages.poses import StampedPose, as_trajectory
+from locate.messages.poses import StampedPose, trajectory_from_poses
 from locate.robot.drift import SharedError
 from locate.robot.plume_tracks import as_column
 
@@ -106,7 +106,7 @@ class FixedLagSmoother:
         if self._sway is None:
             return None
         glimpses = list(self._glimpses)
-        trajectory = as_trajectory(
+        trajectory = trajectory_from_poses(
             [glimpse.pose for glimpse in glimpses],
             [glimpse.number for glimpse in glimpses],
             self._camera,

@@ -9,12 +9,12 @@ from detect.warp import sample
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.messages.poses import NS, PoseBuffer, StampedPose
+from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose
 from locate.recording.images import bending
 from locate.robot.settings import LocatorSettings
 from locate.robot.window import FrameWindow, WindowFrame
 
-REWIND_NS = 10 * NS
+REWIND_NS = 10 * NS_PER_S
 LEAST_JUMP_M = 0.5
 
 
@@ -86,7 +86,7 @@ class KeyFrameSelector:
         self._settings = settings
         self.counts = LocatorCounts()
         self.inverse_depth = 1 / settings.expected_range_m
-        self._poses = PoseBuffer(max_gap_ns=round(settings.max_pose_gap_s * NS))
+        self._poses = PoseBuffer(max_gap_ns=round(settings.max_pose_gap_s * NS_PER_S))
         self._images: dict[int, GreyImage] = {}
         self._newest_ns: int | None = None
         self._number = 0
@@ -127,7 +127,7 @@ class KeyFrameSelector:
         """Takes an image; it waits for its pose if need be."""
         self.counts.images += 1
         self._move_clock(stamp_ns)
-        pose = self._poses.at(stamp_ns)
+        pose = self._poses.interpolate_at(stamp_ns)
         if pose is None:
             self._images[stamp_ns] = image.copy()
         else:
@@ -159,10 +159,10 @@ class KeyFrameSelector:
 
     def _match(self) -> None:
         """Joins waiting images with their poses, and lets those go that waited too long."""
-        oldest_ns = (self._newest_ns or 0) - round(self._settings.patience_s * NS)
+        oldest_ns = (self._newest_ns or 0) - round(self._settings.patience_s * NS_PER_S)
         surplus = len(self._images) - self._settings.images_kept
         for place, stamp_ns in enumerate(sorted(self._images)):
-            pose = self._poses.at(stamp_ns)
+            pose = self._poses.interpolate_at(stamp_ns)
             if pose is not None:
                 self._consider(self._images.pop(stamp_ns), pose)
             elif stamp_ns < oldest_ns or place < surplus:
@@ -188,5 +188,5 @@ class KeyFrameSelector:
 
     def _is_jump(self, before: StampedPose, after: StampedPose) -> bool:
         distance = float(np.linalg.norm(after.center_in_world - before.center_in_world))
-        seconds = abs(after.stamp_ns - before.stamp_ns) / NS
+        seconds = abs(after.stamp_ns - before.stamp_ns) / NS_PER_S
         return distance > max(LEAST_JUMP_M, self._settings.max_speed_mps * seconds)

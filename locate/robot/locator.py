@@ -17,7 +17,7 @@ from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from locate import __version__
 from locate.map.plume import PlumeMap
-from locate.messages.poses import UNKNOWN, StampedPose
+from locate.messages.poses import UNKNOWN_COVARIANCE, StampedPose
 from locate.robot.engine import PlumeEngine
 from locate.robot.keyframe_selector import KeyFrameSelector, LocatorCounts
 from locate.robot.next_view import ViewSuggestion, rank
@@ -124,7 +124,9 @@ class Locator:
         pose = StampedPose(
             stamp_ns=stamp_ns,
             world_from_cam=np.array(world_from_cam, dtype=float),
-            covariance=UNKNOWN if covariance is None else np.array(covariance, dtype=float),
+            covariance=UNKNOWN_COVARIANCE
+            if covariance is None
+            else np.array(covariance, dtype=float),
         )
         with self._changed:
             self._intake.pose(pose)

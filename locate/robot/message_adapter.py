@@ -7,7 +7,7 @@ from typing import Any
 from detect.detection import Detector
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
+from locate.messages.codec import GreyReader, camera_from_info, read_stamp_ns
 from locate.messages.transforms import TransformTree
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.robot.locator import Locator
@@ -47,7 +47,7 @@ class MessageAdapter:
         self.refused: Counter[str] = Counter()
         self.last_refusal = ""
         self._wiring = wiring
-        self._poser = PoseResolver(wiring)
+        self._pose_resolver = PoseResolver(wiring)
         self._settings = settings
         self._detector = detector
         self._threaded = threaded
@@ -58,7 +58,7 @@ class MessageAdapter:
     @property
     def tree(self) -> TransformTree:
         """What TF has said."""
-        return self._poser.tree
+        return self._pose_resolver.tree
 
     def close(self) -> None:
         """Ends the detector's thread."""
@@ -96,8 +96,10 @@ class MessageAdapter:
         try:
             if self.locator is None:
                 raise BadInputError("no camera_info yet")
-            image, stamp = self._reader.read(message), stamp_ns(message.header)
-            self._poser.camera_frame = self._poser.camera_frame or message.header.frame_id
+            image, stamp = self._reader.read(message), read_stamp_ns(message.header)
+            self._pose_resolver.camera_frame = (
+                self._pose_resolver.camera_frame or message.header.frame_id
+            )
             self.locator.feed_image(image, stamp)
         except BadInputError as error:
             self.refuse("image", error)
@@ -119,7 +121,7 @@ class MessageAdapter:
         if self._wiring.pose_source != "tf" or self.locator is None:
             return
         for stamp in list(self._pending):
-            pose = self._poser.by_tf(stamp)
+            pose = self._pose_resolver.pose_from_tf(stamp)
             if pose is not None:
                 self._pending.remove(stamp)
                 self.locator.feed_pose(pose.world_from_cam, pose.covariance, stamp)
@@ -129,7 +131,7 @@ class MessageAdapter:
         if self.locator is None:
             return
         try:
-            pose = self._poser.by_message(message)
+            pose = self._pose_resolver.pose_from_message(message)
             self.locator.feed_pose(pose.world_from_cam, pose.covariance, pose.stamp_ns)
         except BadInputError as error:
             self.refuse("pose", error)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from locate.map.plume import Plume
-from locate.messages.poses import NS
+from locate.messages.poses import NS_PER_S
 from locate.robot.plume_tracks import PlumeUpdate, TrackState
 
 MARKED_SIGMAS = 2.0
@@ -71,7 +71,7 @@ class MessageBuilder:
     def header(self, stamp_ns: int) -> Any:
         """`std_msgs/Header` in the world frame."""
         stamp = self._class_of("builtin_interfaces/msg/Time")(
-            sec=stamp_ns // NS, nanosec=stamp_ns % NS
+            sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
         )
         return self._class_of("std_msgs/msg/Header")(stamp=stamp, frame_id=self._frame_id)
 

@@ -11,7 +11,7 @@ from detect.detection import Detection, Frames
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from locate.fusion.views import Views
-from locate.messages.poses import StampedPose, as_trajectory
+from locate.messages.poses import StampedPose, trajectory_from_poses
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ class FrameWindow:
         row = rows[-1 if newest else 0]
         keys = list(self._keys)
         self._waiting.remove(keys[row].number)
-        trajectory = as_trajectory(
+        trajectory = trajectory_from_poses(
             [key.pose for key in keys], [key.number for key in keys], self.camera
         )
         frames = Frames(images=[key.image for key in keys], trajectory=trajectory)
@@ -140,7 +140,7 @@ class EvidenceWindow:
     def add(self, task: DetectionTask, detection: Detection) -> None:
         """Takes what a detector said of a key frame; the earliest view goes where it is full."""
         key = task.key
-        trajectory = as_trajectory([key.pose], [key.number], task.window.camera)
+        trajectory = trajectory_from_poses([key.pose], [key.number], task.window.camera)
         self._views[key.number] = key.pose, Views.from_detections([detection], trajectory)
         if len(self._views) > self._most:
             del self._views[min(self._views)]
@@ -157,7 +157,7 @@ class EvidenceWindow:
         """All of them as one, by ascending number."""
         numbers = self.numbers
         parts = [self._views[number][1] for number in numbers]
-        trajectory = as_trajectory(self.poses(), numbers, parts[0].trajectory.camera)
+        trajectory = trajectory_from_poses(self.poses(), numbers, parts[0].trajectory.camera)
         return Views(
             trajectory=trajectory,
             llr=np.concatenate([part.llr for part in parts]),

@@ -8,7 +8,7 @@ import numpy as np
 from detect.detection import Detection, Frames
 from geometry.arrays import FloatArray, GreyImage
 from locate.fusion.views import Views
-from locate.messages.poses import NS
+from locate.messages.poses import NS_PER_S
 
 BLANK = np.zeros((240, 320), np.uint8)
 
@@ -21,7 +21,7 @@ class Moment:
     stamp_ns: int
 
 
-def moments(views: Views, *, start_ns: int = 100 * NS) -> Iterator[Moment]:
+def moments(views: Views, *, start_ns: int = 100 * NS_PER_S) -> Iterator[Moment]:
     """One for each view, 0.2 s apart."""
     trajectory = views.trajectory
     for i, center in enumerate(trajectory.centers_in_world):
@@ -32,7 +32,7 @@ def moments(views: Views, *, start_ns: int = 100 * NS) -> Iterator[Moment]:
             image=BLANK,
             world_from_cam=pose,
             covariance=covariance,
-            stamp_ns=start_ns + i * NS // 5,
+            stamp_ns=start_ns + i * NS_PER_S // 5,
         )
 
 

@@ -16,7 +16,7 @@ from geometry.errors import BadInputError
 from locate.fusion.views import Views
 from locate.map.plume import PlumeMap
 from locate.messages.bags import TopicChoice, is_bag
-from locate.messages.poses import NS
+from locate.messages.poses import NS_PER_S
 from locate.messages.wiring import Wiring
 from locate.robot import LocatorSettings
 from locate.robot.bag_playing import locate_in_bag
@@ -47,7 +47,9 @@ class MessageRecorder:
         return self.types.types[name](**fields)
 
     def header(self, stamp_ns: int, frame_id: str) -> Any:
-        stamp = self.make("builtin_interfaces/msg/Time", sec=stamp_ns // NS, nanosec=stamp_ns % NS)
+        stamp = self.make(
+            "builtin_interfaces/msg/Time", sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
+        )
         more = {"seq": 0} if self.old else {}
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id, **more)
 
@@ -112,7 +114,7 @@ class MessageRecorder:
         )
 
     def drive(self, views: Views) -> list[Message]:
-        start_ns = 100 * NS
+        start_ns = 100 * NS_PER_S
         messages: list[Message] = [
             ("/tf_static", start_ns, self.transform("camera", "base_link", MOUNT, start_ns))
         ]

@@ -18,8 +18,8 @@ from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 from locate.map.plume import PlumeMap
 from locate.messages.bags import TopicChoice
-from locate.messages.codec import stamp_ns
-from locate.messages.poses import NS
+from locate.messages.codec import read_stamp_ns
+from locate.messages.poses import NS_PER_S
 from locate.messages.wiring import Wiring
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
@@ -44,7 +44,7 @@ def pattern(i: int) -> np.ndarray:
 
 
 def stamp(i: int) -> int:
-    return 100 * NS + i * NS // RATE_HZ
+    return 100 * NS_PER_S + i * NS_PER_S // RATE_HZ
 
 
 class Drive(MessageRecorder):
@@ -179,7 +179,7 @@ def test_what_was_found_is_a_bag_in_the_world_of_the_poses(
         told = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
     leak = told[f"/locate/leak_{plume().id}"]
     assert leak.header.frame_id == "odom"
-    assert stamp_ns(leak.header) == stamp(11)
+    assert read_stamp_ns(leak.header) == stamp(11)
     assert leak.pose.pose.position.x == plume().source[0]
     assert len(told["/locate/markers"].markers) > 1
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
-from locate.messages.codec import GreyReader, camera_from_info, stamp_ns
+from locate.messages.codec import GreyReader, camera_from_info, read_stamp_ns
 from tests.robot.fake_messages import camera_info, header, image
 
 RNG = np.random.default_rng(0)
@@ -215,6 +215,6 @@ def test_uncalibrated_cameras_are_refused(changes: dict[str, object]) -> None:
 
 
 def test_stamps_of_both_generations() -> None:
-    assert stamp_ns(header(1_700_000_000_123_456_789)) == 1_700_000_000_123_456_789
+    assert read_stamp_ns(header(1_700_000_000_123_456_789)) == 1_700_000_000_123_456_789
     old = SimpleNamespace(stamp=SimpleNamespace(secs=5, nsecs=7), frame_id="")
-    assert stamp_ns(old) == 5_000_000_007
+    assert read_stamp_ns(old) == 5_000_000_007

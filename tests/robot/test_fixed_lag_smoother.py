@@ -7,7 +7,7 @@ from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.messages.poses import NS, StampedPose
+from locate.messages.poses import NS_PER_S, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.simulation.evidence import ColumnTruth
@@ -43,7 +43,9 @@ def pose(views: Views, i: int) -> StampedPose:
     matrix[:3, 3] = views.trajectory.centers_in_world[i]
     assert views.trajectory.covariances is not None
     return StampedPose(
-        stamp_ns=i * NS // 5, world_from_cam=matrix, covariance=views.trajectory.covariances[i]
+        stamp_ns=i * NS_PER_S // 5,
+        world_from_cam=matrix,
+        covariance=views.trajectory.covariances[i],
     )
 
 

@@ -11,7 +11,7 @@ from geometry.errors import BadInputError
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
-from locate.messages.poses import NS, UNKNOWN, StampedPose
+from locate.messages.poses import NS_PER_S, UNKNOWN_COVARIANCE, StampedPose
 from locate.robot import Locator, LocatorSettings, PlumeUpdate, TrackState
 from locate.robot.engine import PlumeEngine
 from locate.robot.search import LocalPlumeSearch
@@ -49,7 +49,7 @@ def test_plume_is_confirmed_before_the_drive_ends(
 ) -> None:
     locator, news = driven
     first = next(update for update in news if update.state is TrackState.CONFIRMED)
-    assert first.stamp_ns < 100 * NS + 11 * NS // 5
+    assert first.stamp_ns < 100 * NS_PER_S + 11 * NS_PER_S // 5
     assert {update.plume.id for update in news if update.state is TrackState.CONFIRMED} == {1}
     (plume,) = locator.plume_map().plumes
     error = plume.source - truth.source
@@ -151,7 +151,7 @@ def test_plume_that_stops_is_lost(views: Views) -> None:
     assert isinstance(oracle, Oracle)
     oracle.views = replace(views, llr=silent)
     for turn in range(1, 4):
-        for moment in moments(views, start_ns=(100 + 5 * turn) * NS):
+        for moment in moments(views, start_ns=(100 + 5 * turn) * NS_PER_S):
             news = locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
             states += [update.state for update in news if update.plume.id == 1]
     assert states[-1] is TrackState.LOST
@@ -163,7 +163,7 @@ def test_standing_still_adds_nothing(views: Views) -> None:
     locator = inline(views, UNDECIDED)
     moment = next(moments(views))
     for i in range(50):
-        locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns + i * NS // 30)
+        locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns + i * NS_PER_S // 30)
     assert locator.counts.key_frames == 1
     assert locator.counts.passed_over == 49
 
@@ -182,7 +182,9 @@ def test_frame_of_a_window_that_has_ended_is_not_kept(views: Views) -> None:
     camera = views.trajectory.camera
     engine = PlumeEngine(LocalPlumeSearch("oracle", QUICK), QUICK)
     stamped = [
-        StampedPose(stamp_ns=m.stamp_ns, world_from_cam=m.world_from_cam, covariance=UNKNOWN)
+        StampedPose(
+            stamp_ns=m.stamp_ns, world_from_cam=m.world_from_cam, covariance=UNKNOWN_COVARIANCE
+        )
         for m in moments(views)
     ]
     tasks = []
@@ -202,7 +204,7 @@ def test_frame_of_a_window_that_has_ended_is_not_kept(views: Views) -> None:
 def test_clock_that_goes_back_begins_anew(views: Views) -> None:
     locator = inline(views, UNDECIDED)
     drive(locator, views)
-    for moment in moments(views, start_ns=NS):
+    for moment in moments(views, start_ns=NS_PER_S):
         locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
     assert locator.counts.jumps == 1
     assert locator.counts.key_frames == 24
@@ -213,7 +215,7 @@ def test_another_camera_keeps_the_plumes(views: Views) -> None:
     locator = inline(views, UNDECIDED)
     drive(locator, views)
     locator.set_camera(Camera.pinhole(160, 120, 140.0))
-    for moment in moments(views, start_ns=200 * NS):
+    for moment in moments(views, start_ns=200 * NS_PER_S):
         image = np.zeros((120, 160), np.uint8)
         locator.feed(image, moment.world_from_cam, None, moment.stamp_ns)
     assert locator.counts.failures == 0
@@ -269,7 +271,7 @@ def test_reset_forgets_everything(views: Views) -> None:
     locator.reset()
     assert locator.plume_map().plumes == ()
     assert locator.counts.images == 0
-    locator.feed(BLANK, np.eye(4), None, NS)
+    locator.feed(BLANK, np.eye(4), None, NS_PER_S)
     assert locator.counts.looked_at == 1
 
 
@@ -303,7 +305,7 @@ def test_one_neighbour_is_refused() -> None:
 def test_memory_is_bounded(views: Views) -> None:
     locator = inline(views, replace(QUICK, views_a_decision=1000, views_kept=6, frames_kept=5))
     for turn in range(8):
-        for moment in moments(views, start_ns=(100 + 5 * turn) * NS):
+        for moment in moments(views, start_ns=(100 + 5 * turn) * NS_PER_S):
             locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
     assert locator.counts.looked_at > 90
     assert len(locator._intake.frames) == 5

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
-from locate.messages.poses import NS
+from locate.messages.poses import NS_PER_S
 from locate.messages.transforms import ros_covariance
 from locate.messages.wiring import Wiring
 from locate.robot import LocatorSettings
@@ -65,10 +65,10 @@ def key_poses(made: MessageAdapter) -> list[Any]:
 
 def test_tf_gives_the_pose_of_each_image() -> None:
     made = feeder(pose_sigma_m=0.02, pose_sigma_deg=0.5)
-    made.image(picture(NS + NS // 10))
+    made.image(picture(NS_PER_S + NS_PER_S // 10))
     assert key_poses(made) == []
-    made.transforms(transforms("base", "map", body(1.0), NS))
-    made.transforms(transforms("base", "map", body(2.0), NS + NS // 5))
+    made.transforms(transforms("base", "map", body(1.0), NS_PER_S))
+    made.transforms(transforms("base", "map", body(2.0), NS_PER_S + NS_PER_S // 5))
     (pose,) = key_poses(made)
     np.testing.assert_allclose(pose.world_from_cam, body(1.5) @ MOUNT, atol=1e-12)
     assert np.sqrt(pose.covariance[3, 3]) == pytest.approx(0.02)
@@ -78,8 +78,8 @@ def test_tf_gives_the_pose_of_each_image() -> None:
 def test_odometry_brings_its_covariance_to_the_camera() -> None:
     made = feeder(pose_source="odometry")
     given = ros_covariance(body(1.0), np.diag([0, 0, 1e-4, 1e-4, 1e-4, 1e-4]))
-    made.image(picture(NS))
-    made.body_pose(odometry(body(1.0), NS, given))
+    made.image(picture(NS_PER_S))
+    made.body_pose(odometry(body(1.0), NS_PER_S, given))
     (pose,) = key_poses(made)
     np.testing.assert_allclose(pose.world_from_cam, body(1.0) @ MOUNT, atol=1e-12)
     moved = MOUNT[:3, :3] @ pose.covariance[3:, 3:] @ MOUNT[:3, :3].T
@@ -89,10 +89,10 @@ def test_odometry_brings_its_covariance_to_the_camera() -> None:
 
 def test_pose_of_the_camera_itself_needs_no_tf() -> None:
     made = feeder(pose_source="pose")
-    message = odometry(body(1.0), NS, np.zeros(36))
+    message = odometry(body(1.0), NS_PER_S, np.zeros(36))
     del message.child_frame_id
     message.pose = message.pose.pose
-    made.image(picture(NS))
+    made.image(picture(NS_PER_S))
     made.body_pose(message)
     (pose,) = key_poses(made)
     np.testing.assert_allclose(pose.world_from_cam, body(1.0), atol=1e-12)
@@ -102,18 +102,18 @@ def test_pose_of_the_camera_itself_needs_no_tf() -> None:
 def test_troubles_are_named() -> None:
     made = MessageAdapter(Wiring(pose_source="odometry"), settings=SETTINGS, threaded=False)
     assert made.trouble() == "no camera_info yet"
-    made.image(picture(NS))
+    made.image(picture(NS_PER_S))
     assert "camera_info" in made.trouble()
     made.info(camera_info(**{**SMALL, "k": [0.0] * 9}))
     assert "calibrate" in made.trouble()
     made.info(camera_info(**SMALL))
     made.image(image(GREY[:5], "mono8"))
     assert "(24, 32)" in made.trouble()
-    made.image(picture(NS))
-    made.body_pose(odometry(body(1.0), NS, np.zeros(36)))
+    made.image(picture(NS_PER_S))
+    made.body_pose(odometry(body(1.0), NS_PER_S, np.zeros(36)))
     assert "TF does not say where 'camera' is in 'base'" in made.trouble()
     made.static_transforms(transforms("camera", "base", MOUNT))
-    made.body_pose(odometry(body(1.0), NS, np.zeros(36)))
+    made.body_pose(odometry(body(1.0), NS_PER_S, np.zeros(36)))
     assert made.trouble() == ""
     assert made.refused == {"image": 2, "camera_info": 1, "pose": 1}
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from locate.map.plume import Plume
-from locate.messages.poses import NS, PoseBuffer, StampedPose
+from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose
 from locate.robot.drift import LEAST_OWN_SHARE, SharedError
 from locate.robot.plume_tracks import (
     MOST_TRACKS,
@@ -31,7 +31,7 @@ def at(x: float, *, views: tuple[int, ...] = (0, 1, 2), probability: float = 1.0
 
 
 def span(first: int, last: int) -> ViewSpan:
-    return ViewSpan(first=first, last=last, stamp_ns=last * NS)
+    return ViewSpan(first=first, last=last, stamp_ns=last * NS_PER_S)
 
 
 def decide(
@@ -164,15 +164,15 @@ def test_unknown_covariances_share_nothing() -> None:
 
 
 def test_buffer_forgets_and_never_extrapolates() -> None:
-    buffer = PoseBuffer(kept_ns=10 * NS, max_gap_ns=NS)
+    buffer = PoseBuffer(kept_ns=10 * NS_PER_S, max_gap_ns=NS_PER_S)
     zero = np.zeros((6, 6))
     for second in (5, 1, 3, 2, 4, 7):
-        buffer.add(pose(float(second), zero, second * NS))
-    half = buffer.at(5 * NS // 2)
+        buffer.add(pose(float(second), zero, second * NS_PER_S))
+    half = buffer.interpolate_at(5 * NS_PER_S // 2)
     assert half is not None
     assert half.center_in_world[0] == pytest.approx(2.5)
-    assert buffer.at(6 * NS) is None
-    assert buffer.at(8 * NS) is None
-    assert buffer.at(NS // 2) is None
-    buffer.add(pose(30.0, zero, 30 * NS))
+    assert buffer.interpolate_at(6 * NS_PER_S) is None
+    assert buffer.interpolate_at(8 * NS_PER_S) is None
+    assert buffer.interpolate_at(NS_PER_S // 2) is None
+    buffer.add(pose(30.0, zero, 30 * NS_PER_S))
     assert len(buffer) == 1

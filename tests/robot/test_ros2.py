@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from locate.fusion.views import Views
-from locate.messages.poses import NS
+from locate.messages.poses import NS_PER_S
 from locate.messages.transforms import ros_covariance
 from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import Moment, Oracle, moments
@@ -89,7 +89,9 @@ class Robot:
             self.executor.spin_once(timeout_sec=0.02)
 
     def header(self, stamp_ns: int, frame_id: str) -> Any:
-        stamp = ros_class("builtin_interfaces/msg/Time")(sec=stamp_ns // NS, nanosec=stamp_ns % NS)
+        stamp = ros_class("builtin_interfaces/msg/Time")(
+            sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
+        )
         return ros_class("std_msgs/msg/Header")(stamp=stamp, frame_id=frame_id)
 
     def send_info(self, **changes: Any) -> None:
@@ -142,7 +144,7 @@ class Robot:
         message.pose.covariance = ros_covariance(body, np.diag([1e-6] * 3 + [1e-4] * 3))
         self.odometry.publish(message)
 
-    def drive(self, *, start_ns: int = 100 * NS) -> None:
+    def drive(self, *, start_ns: int = 100 * NS_PER_S) -> None:
         """Images and TF of the whole drive, each taken in before the next is sent."""
         for moment in moments(self.views, start_ns=start_ns):
             body = moment.world_from_cam @ np.linalg.inv(MOUNT)
@@ -262,11 +264,11 @@ def test_padding_and_byte_order_survive_the_transport(robot: Robot) -> None:
     rows = samples.astype(">u2").view(np.uint8).reshape(240, 640)
     data = np.concatenate([rows, np.full((240, 11), 0xA5, np.uint8)], axis=1)
     message = robot.image_message(
-        NS, encoding="mono16", is_bigendian=1, step=651, data=data.tobytes()
+        NS_PER_S, encoding="mono16", is_bigendian=1, step=651, data=data.tobytes()
     )
     robot.image.publish(message)
     robot.spin(lambda: robot.counts.images == 1)
-    np.testing.assert_array_equal(robot.locator._intake._images[NS], samples >> 8)
+    np.testing.assert_array_equal(robot.locator._intake._images[NS_PER_S], samples >> 8)
 
 
 def test_thousand_malformed_images_are_counted_and_survived(robot: Robot) -> None:
@@ -294,7 +296,7 @@ def test_pose_stream_that_stops_and_camera_that_changes(robot: Robot) -> None:
     robot.send_info()
     for i in range(90):
         fed = robot.counts.images
-        robot.image.publish(robot.image_message(NS + i * NS // 30))
+        robot.image.publish(robot.image_message(NS_PER_S + i * NS_PER_S // 30))
         robot.spin(lambda fed=fed: robot.counts.images > fed)
     assert robot.counts.unposed >= 58
     assert len(robot.locator._intake._images) <= 60
@@ -303,7 +305,7 @@ def test_pose_stream_that_stops_and_camera_that_changes(robot: Robot) -> None:
     matrix = robot.views.trajectory.camera.matrix.copy()
     matrix[0, 0] *= 1.01
     robot.send_info(k=matrix.ravel())
-    robot.drive(start_ns=200 * NS)
+    robot.drive(start_ns=200 * NS_PER_S)
     assert robot.counts.looked_at >= looked_at + 11
     assert robot.counts.failures == 0
 
@@ -312,11 +314,11 @@ def test_stop_and_start(robot: Robot) -> None:
     robot.send_info()
     assert robot.call("stop").success
     for i in range(5):
-        robot.image.publish(robot.image_message(NS + i))
+        robot.image.publish(robot.image_message(NS_PER_S + i))
     robot.spin(lambda: robot.locate.control.health().values["ignored_while_stopped"] == 5)
     assert robot.call("start").success
     assert robot.counts.images == 0
-    robot.image.publish(robot.image_message(2 * NS))
+    robot.image.publish(robot.image_message(2 * NS_PER_S))
     robot.spin(lambda: robot.counts.images == 1)
 
 
@@ -327,7 +329,7 @@ def test_pause_of_ten_seconds(robot: Robot) -> None:
     end = time.monotonic() + 10
     robot.spin(lambda: time.monotonic() > end)
     looked_at = robot.counts.looked_at
-    robot.drive(start_ns=112 * NS)
+    robot.drive(start_ns=112 * NS_PER_S)
     assert robot.counts.looked_at >= looked_at + 11
 
 

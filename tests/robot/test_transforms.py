@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
-from locate.messages.poses import NS
+from locate.messages.poses import NS_PER_S
 from locate.messages.transforms import (
     TransformTree,
-    matrix_of,
-    moved_covariance,
+    camera_covariance,
+    pose_matrix,
     ros_covariance,
     tangent_covariance,
 )
@@ -66,7 +66,7 @@ def test_covariance_of_the_camera_on_a_body() -> None:
     middle = gtsam.Pose3(body @ mount)
     moved = [gtsam.Pose3(body).retract(draw) * gtsam.Pose3(mount) for draw in draws]
     expected = np.cov(np.array([middle.localCoordinates(pose) for pose in moved]).T)
-    found = moved_covariance(mount, covariance)
+    found = camera_covariance(mount, covariance)
     np.testing.assert_allclose(found, expected, atol=0.05 * np.abs(expected).max())
 
 
@@ -77,7 +77,7 @@ def test_unknown_covariances_stay_unknown(given: np.ndarray) -> None:
 
 def test_zero_quaternion_is_refused() -> None:
     with pytest.raises(BadInputError):
-        matrix_of(vector(0, 0, 0), quaternion(0, 0, 0, 0))
+        pose_matrix(vector(0, 0, 0), quaternion(0, 0, 0, 0))
 
 
 def test_tree_finds_ways_up_and_down() -> None:
@@ -85,20 +85,20 @@ def test_tree_finds_ways_up_and_down() -> None:
     odom, base, camera, gripper = (random_pose(rng) for _ in range(4))
     tree = TransformTree()
     tree.add([stamped("camera", "base", camera), stamped("gripper", "base", gripper)], static=True)
-    tree.add([stamped("base", "odom", base, NS)], static=False)
-    tree.add([stamped("/odom", "/map", odom, NS)], static=False)
-    found = tree.find("map", "camera", NS)
+    tree.add([stamped("base", "odom", base, NS_PER_S)], static=False)
+    tree.add([stamped("/odom", "/map", odom, NS_PER_S)], static=False)
+    found = tree.find("map", "camera", NS_PER_S)
     np.testing.assert_allclose(found, odom @ base @ camera)
-    found = tree.find("gripper", "camera", NS)
+    found = tree.find("gripper", "camera", NS_PER_S)
     np.testing.assert_allclose(found, np.linalg.inv(gripper) @ camera, atol=1e-12)
 
 
 def test_tree_says_nothing_it_was_not_told() -> None:
     tree = TransformTree()
-    assert tree.find("map", "camera", NS) is None
-    tree.add([stamped("base", "map", np.eye(4), NS)], static=False)
-    assert tree.find("map", "base", 2 * NS) is None
-    assert tree.find("map", "camera", NS) is None
+    assert tree.find("map", "camera", NS_PER_S) is None
+    tree.add([stamped("base", "map", np.eye(4), NS_PER_S)], static=False)
+    assert tree.find("map", "base", 2 * NS_PER_S) is None
+    assert tree.find("map", "camera", NS_PER_S) is None
 
 
 def test_tree_interpolates() -> None:
@@ -107,10 +107,13 @@ def test_tree_interpolates() -> None:
     ahead[0, 3] = 1.0
     ahead[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
     tree.add(
-        [stamped("base", "map", np.eye(4), NS), stamped("base", "map", ahead, 5 * NS // 4)],
+        [
+            stamped("base", "map", np.eye(4), NS_PER_S),
+            stamped("base", "map", ahead, 5 * NS_PER_S // 4),
+        ],
         static=False,
     )
-    found = tree.find("map", "base", NS + NS // 8)
+    found = tree.find("map", "base", NS_PER_S + NS_PER_S // 8)
     assert found is not None
     assert found[0, 3] == pytest.approx(0.5)
     assert Rotation.from_matrix(found[:3, :3]).as_euler("zyx", degrees=True)[0] == pytest.approx(45)
