@@ -53,7 +53,7 @@ def main(*, realtime: bool = False) -> list[PlumeUpdate]:
     content = json.loads((SAMPLE / "truth.json").read_text())
     truth = Trajectory.from_dict(content)
     poses = odometry(truth, np.random.default_rng(0))
-    news: list[PlumeUpdate] = []
+    updates: list[PlumeUpdate] = []
     with Locator(truth.camera, threaded=realtime) as locator:
         frames = open_recording(SAMPLE_VIDEO, max_side=1 << 16).frames()
         for frame, (pose, covariance) in zip(frames, poses, strict=True):
@@ -61,17 +61,17 @@ def main(*, realtime: bool = False) -> list[PlumeUpdate]:
             latest = locator.feed(frame.image, pose, covariance, stamp_ns)
             for update in latest:
                 console.print(f"{frame.time_s:5.1f} s  {line(update)}", highlight=False)
-            news += latest
+            updates += latest
             if realtime:
                 time.sleep(1 / 15)
         for update in locator.finish():
-            news.append(update)
+            updates.append(update)
             console.print(f"  end    {line(update)}", highlight=False)
         console.print(locator.counts)
     for plume in content["plumes"]:
         source = ", ".join(f"{value:.2f}" for value in plume["source"])
         console.print(f"truth: ({source}) m", highlight=False)
-    return news
+    return updates
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from locate.messages.poses import NS_PER_S, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.engine import NEW_SHARE
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
-from locate.robot.next_view import rank
+from locate.robot.next_view import rank_poses
 from locate.robot.settings import LocatorSettings
 from locate.simulation.camera_paths import look_at
 
@@ -96,7 +96,7 @@ class Known:
     def __init__(self, first: Views) -> None:
         self.parts = [first]
         self.plume: Plume | None = None
-        self._follower: FixedLagSmoother | None = None
+        self._smoother: FixedLagSmoother | None = None
         self._searched = 0
 
     @property
@@ -106,8 +106,10 @@ class Known:
     def add(self, view: Views) -> None:
         number = sum(map(len, self.parts))
         self.parts.append(view)
-        if self._follower is not None:
-            self.plume = self._follower.add(number, poses_of(view, number)[0], view) or self.plume
+        if self._smoother is not None:
+            self.plume = (
+                self._smoother.add_view(number, poses_of(view, number)[0], view) or self.plume
+            )
 
     def search(self) -> None:
         """Looks through all views if enough are new."""
@@ -117,10 +119,10 @@ class Known:
         ):
             return
         self._searched = len(views)
-        self.plume, self._follower = next(iter(fuse(views, null=NULL).plumes), None), None
+        self.plume, self._smoother = next(iter(fuse(views, null=NULL).plumes), None), None
         if self.plume is not None:
             nothing_shared = SharedError(pose=None)
-            self._follower = FixedLagSmoother(
+            self._smoother = FixedLagSmoother(
                 self.plume, views, poses_of(views), nothing_shared, most=MOST_VIEWS
             )
 
@@ -164,7 +166,7 @@ class Suggested(Turning):
             return super().next(views, target, plume)
         poses = [towards(center, target) for center in self._left]
         background = views.background_in_world(16)
-        best = rank([plume], background, views.trajectory.camera, poses)[0].index
+        best = rank_poses([plume], background, views.trajectory.camera, poses)[0].index
         return towards(self._left.pop(best), target)
 
 

@@ -59,14 +59,15 @@ def main(options: argparse.Namespace) -> None:
     (plume,) = fuse(views, null=NULL).plumes
     print(f"search of {KEPT} views: {time.process_time() - started:.1f} CPU s")
     poses = [pose(views, row, row * NS_PER_S // 5) for row in range(KEPT)]
-    follower = FixedLagSmoother(plume, views, poses, SharedError.of([]), most=KEPT)
+    smoother = FixedLagSmoother(plume, views, poses, SharedError.from_poses([]), most=KEPT)
     rows = cycle([*reversed(range(KEPT)), *range(KEPT)])
     parts = [one(views, row) for row in range(KEPT)]
     spent_ms, latest = [], plume
     for number, row in zip(range(KEPT, KEPT + options.views), rows, strict=False):
         started = time.process_time()
         latest = (
-            follower.add(number, pose(views, row, number * NS_PER_S // 5), parts[row]) or latest
+            smoother.add_view(number, pose(views, row, number * NS_PER_S // 5), parts[row])
+            or latest
         )
         spent_ms.append(1e3 * (time.process_time() - started))
     for name, part in (("first 500", spent_ms[:500]), ("last 500", spent_ms[-500:])):

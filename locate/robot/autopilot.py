@@ -24,7 +24,7 @@ FORWARD_CAMERA = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0,
 """(4, 4) body_from_cam of a camera that looks ahead, body x forward, y right, z down."""
 
 
-def camera_pose(message: Any, body_from_cam: FloatArray = FORWARD_CAMERA) -> StampedPose:
+def pose_from_odometry(message: Any, body_from_cam: FloatArray = FORWARD_CAMERA) -> StampedPose:
     """The camera's pose by an ODOMETRY message, in a world with Z up.
 
     From LOCAL_NED the world is east-north-up; from LOCAL_FRD, whose heading is free, it is
@@ -50,7 +50,7 @@ def camera_pose(message: Any, body_from_cam: FloatArray = FORWARD_CAMERA) -> Sta
     world_from_body = np.eye(4)
     world_from_body[:3, :3] = turn @ Rotation.from_quat([x, y, z, w]).as_matrix()
     world_from_body[:3, 3] = turn @ numbers[:3]
-    covariance = _covariance(message.pose_covariance, turn, world_from_body)
+    covariance = _unpack_covariance(message.pose_covariance, turn, world_from_body)
     return StampedPose(
         stamp_ns=int(message.time_usec) * NS_PER_US,
         world_from_cam=world_from_body @ body_from_cam,
@@ -58,7 +58,7 @@ def camera_pose(message: Any, body_from_cam: FloatArray = FORWARD_CAMERA) -> Sta
     )
 
 
-def _covariance(
+def _unpack_covariance(
     triangle: Sequence[float], turn: FloatArray, world_from_body: FloatArray
 ) -> FloatArray:
     """(6, 6) in gtsam's right tangent; NaN where the autopilot does not know it."""
@@ -108,7 +108,7 @@ class Autopilot:
         self._boot_ns = boot_ns
         self._attitude: tuple[int, Rotation] | None = None
 
-    def take(self, message: Any) -> StampedPose | None:
+    def pose_from_message(self, message: Any) -> StampedPose | None:
         """The camera's pose by a message, or None where it does not say.
 
         Raises:
@@ -116,7 +116,7 @@ class Autopilot:
         """
         match message.get_type():
             case "ODOMETRY":
-                return camera_pose(message, self._body_from_cam)
+                return pose_from_odometry(message, self._body_from_cam)
             case "ATTITUDE":
                 angles = [message.yaw, message.pitch, message.roll]
                 self._attitude = message.time_boot_ms, Rotation.from_euler("ZYX", angles)
@@ -124,10 +124,10 @@ class Autopilot:
                 turn = [message.q2, message.q3, message.q4, message.q1]
                 self._attitude = message.time_boot_ms, Rotation.from_quat(turn)
             case "GLOBAL_POSITION_INT":
-                return self._placed(message)
+                return self._pose_from_position(message)
         return None
 
-    def _placed(self, message: Any) -> StampedPose | None:
+    def _pose_from_position(self, message: Any) -> StampedPose | None:
         now_ms = int(message.time_boot_ms)
         if self._attitude is None or abs(now_ms - self._attitude[0]) > OLDEST_ATTITUDE_MS:
             return None

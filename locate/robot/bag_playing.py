@@ -44,43 +44,45 @@ def locate_in_bag(
     """
     with open_bag(path) as reader:
         chosen = BagTopics(reader, path, topics)
-        feeder = MessageAdapter(
+        adapter = MessageAdapter(
             chosen.with_pose_source(wiring), settings=settings, detector=detector, threaded=False
         )
-        news = list(_play(chosen, feeder, report))
-        if feeder.locator is None or not feeder.locator.counts.key_frames:
-            raise BadInputError(f"{path}: nothing could be looked at ({feeder.trouble()})")
-        news += feeder.locator.finish()
+        updates = list(_feed_messages(chosen, adapter, report))
+        if adapter.locator is None or not adapter.locator.counts.key_frames:
+            raise BadInputError(f"{path}: nothing could be looked at ({adapter.find_problem()})")
+        updates += adapter.locator.finish()
     output.mkdir(parents=True, exist_ok=True)
-    plume_map = feeder.locator.plume_map()
+    plume_map = adapter.locator.plume_map()
     plume_map.save(output / "map.json")
-    write_updates(output / "plumes", news, frame_id=wiring.world_frame)
+    write_updates(output / "plumes", updates, frame_id=wiring.world_frame)
     return plume_map
 
 
-def _play(topics: BagTopics, feeder: MessageAdapter, report: Report) -> Iterator[PlumeUpdate]:
+def _feed_messages(
+    topics: BagTopics, adapter: MessageAdapter, report: Report
+) -> Iterator[PlumeUpdate]:
     """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
     assert topics.info is not None
     takers: dict[str, Callable[[Any], None]] = {
-        topic: feeder.static_transforms if static else feeder.transforms
+        topic: adapter.add_static_transforms if static else adapter.add_transforms
         for topic, static in topics.transform_topics.items()
     }
-    for topic, _, message in topics.read_messages(_static(topics), feeder.refuse):
+    for topic, _, message in topics.read_messages(_static_topics(topics), adapter.count_refusal):
         takers[topic](message)
-    for _, _, message in topics.read_messages([topics.info], feeder.refuse):
-        feeder.info(message)
-        if feeder.locator is not None:
+    for _, _, message in topics.read_messages([topics.info], adapter.count_refusal):
+        adapter.add_camera_info(message)
+        if adapter.locator is not None:
             break
-    takers |= {topics.image: feeder.image, topics.info: feeder.info}
+    takers |= {topics.image: adapter.add_image, topics.info: adapter.add_camera_info}
     if topics.pose not in (None, "tf"):
-        takers[topics.pose] = feeder.body_pose
-    for topic, share, message in topics.read_messages(takers, feeder.refuse):
+        takers[topics.pose] = adapter.add_body_pose
+    for topic, share, message in topics.read_messages(takers, adapter.count_refusal):
         takers[topic](message)
         report("bag", share)
-        if feeder.locator is not None:
-            yield from feeder.locator.updates()
+        if adapter.locator is not None:
+            yield from adapter.locator.updates()
     report("bag", 1.0)
 
 
-def _static(topics: BagTopics) -> list[str]:
+def _static_topics(topics: BagTopics) -> list[str]:
     return [topic for topic, static in topics.transform_topics.items() if static]

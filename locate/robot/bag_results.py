@@ -12,7 +12,7 @@ from locate.map.plume import PlumeMap
 from locate.messages.bags import is_bag
 from locate.robot.message_builder import MessageBuilder
 from locate.robot.plume_tracks import PlumeUpdate, TrackState
-from locate.robot.publisher import PlumePublisher, type_of
+from locate.robot.publisher import PlumePublisher, topic_type
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -44,15 +44,15 @@ def write_updates(folder: Path, updates: Sequence[PlumeUpdate], *, frame_id: str
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
 
         def write(name: str, message: Any, stamp_ns: int) -> None:
-            kind = type_of(name)
+            kind = topic_type(name)
             if name not in connections:
                 topic = f"/locate/{name}"
                 connections[name] = writer.add_connection(topic, kind, typestore=types)
             writer.write(connections[name], stamp_ns, types.serialize_cdr(message, kind))
 
-        announcer = PlumePublisher(messages, write)
+        plume_publisher = PlumePublisher(messages, write)
         for update in updates:
-            announcer.tell([update])
+            plume_publisher.publish_updates([update])
     return folder / f"{folder.name}.mcap"
 
 

@@ -30,22 +30,22 @@ class NodeControl:
     """Starts and stops a node, saves and forgets what it found, and says how it is doing.
 
     Args:
-        feeder: What takes the robot's messages.
-        announcer: What tells of the plumes.
+        adapter: What takes the robot's messages.
+        plume_publisher: Publishes the plumes.
         output: Folder that map.json is saved in.
         running: Whether it looks from the beginning.
     """
 
     def __init__(
         self,
-        feeder: MessageAdapter,
-        announcer: PlumePublisher,
+        adapter: MessageAdapter,
+        plume_publisher: PlumePublisher,
         *,
         output: Path,
         running: bool = True,
     ) -> None:
-        self._feeder = feeder
-        self._announcer = announcer
+        self._adapter = adapter
+        self._plume_publisher = plume_publisher
         self._output = output
         self._running = running
         self._ignored = 0
@@ -61,7 +61,7 @@ class NodeControl:
 
         return taken
 
-    def command(self, name: str, stamp_ns: int) -> CommandResult:
+    def run_command(self, name: str, stamp_ns: int) -> CommandResult:
         """Does one of `COMMANDS`.
 
         Args:
@@ -72,30 +72,30 @@ class NodeControl:
             self._running = name == "start"
             return CommandResult(message="looking" if self._running else "stopped")
         if name == "reset":
-            self._feeder.reset()
-            self._announcer.forget(stamp_ns)
+            self._adapter.reset()
+            self._plume_publisher.clear_plumes(stamp_ns)
             return CommandResult(message="forgotten")
         if name == "save":
-            return self._save()
+            return self._save_map()
         return CommandResult(message=f"{name!r} is none of {', '.join(COMMANDS)}", success=False)
 
-    def _save(self) -> CommandResult:
-        if self._feeder.locator is None:
+    def _save_map(self) -> CommandResult:
+        if self._adapter.locator is None:
             return CommandResult(message="nothing to save: no camera_info yet", success=False)
         path = self._output.expanduser() / "map.json"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._feeder.locator.plume_map().save(path)
+            self._adapter.locator.plume_map().save(path)
         except OSError as error:
             return CommandResult(message=f"{path}: {error.strerror}", success=False)
         return CommandResult(message=str(path))
 
-    def health(self) -> NodeHealth:
+    def report_health(self) -> NodeHealth:
         """What was fed, dropped and refused, and the first thing that is wrong."""
-        locator, known = self._feeder.locator, self._announcer.known.values()
+        locator, known = self._adapter.locator, self._plume_publisher.known.values()
         values = {} if locator is None else asdict(locator.counts)
-        values |= {f"refused_{name}": count for name, count in self._feeder.refused.items()}
+        values |= {f"refused_{name}": count for name, count in self._adapter.refusals.items()}
         values["ignored_while_stopped"] = self._ignored
         values["plumes"] = sum(update.state == TrackState.CONFIRMED for update in known)
-        trouble = self._feeder.trouble() if self._running else "stopped"
-        return NodeHealth(trouble=trouble, values=values)
+        problem = self._adapter.find_problem() if self._running else "stopped"
+        return NodeHealth(problem=problem, values=values)

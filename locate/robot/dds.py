@@ -12,12 +12,12 @@ from locate.robot.dds_transport import DdsTransport
 from locate.robot.message_adapter import MessageAdapter
 from locate.robot.message_builder import MessageBuilder
 from locate.robot.publisher import (
-    HEALTH_TOPIC,
-    HEALTH_TYPE,
+    DIAGNOSTICS_TOPIC,
+    DIAGNOSTICS_TYPE,
     MARKERS,
     POINTS,
     PlumePublisher,
-    type_of,
+    topic_type,
 )
 from locate.robot.settings import LocatorSettings
 
@@ -48,7 +48,7 @@ class TopicNames:
     out: str = "/locate"
 
     @property
-    def beside(self) -> str:
+    def camera_info_topic(self) -> str:
         """The topic of the camera."""
         camera = self.image.removesuffix("/compressed").rpartition("/")[0]
         return self.camera_info or f"{camera}/camera_info"
@@ -61,7 +61,7 @@ class DdsNode:
     ``~/command``, and are answered on ``~/answer``.
 
     Args:
-        wire: The robot's DDS.
+        transport: The robot's DDS.
         wiring: How the robot's frames hang together.
         names: Of the topics.
         settings: Of the `Locator`; None takes its defaults.
@@ -69,14 +69,14 @@ class DdsNode:
         output: Folder that the command ``save`` writes map.json into.
 
     Attributes:
-        feeder: What takes the robot's messages.
-        announcer: What tells of the plumes.
+        adapter: What takes the robot's messages.
+        plume_publisher: Publishes the plumes.
         control: The node's switches, and its health.
     """
 
     def __init__(
         self,
-        wire: DdsTransport,
+        transport: DdsTransport,
         wiring: Wiring,
         names: TopicNames,
         *,
@@ -84,53 +84,60 @@ class DdsNode:
         detector: Detector | None = None,
         output: Path = OUTPUT,
     ) -> None:
-        self._wire, self._out = wire, names.out
-        self.feeder = MessageAdapter(wiring, settings=settings, detector=detector)
+        self._transport, self._out = transport, names.out
+        self.adapter = MessageAdapter(wiring, settings=settings, detector=detector)
         self._senders = {
-            name: wire.advertise(f"{names.out}/{name}", type_of(name)) for name in (MARKERS, POINTS)
+            name: transport.advertise(f"{names.out}/{name}", topic_type(name))
+            for name in (MARKERS, POINTS)
         }
         self._messages = MessageBuilder(
-            wire.types.types.__getitem__, wiring.world_frame, octets=lambda b: b
+            transport.types.types.__getitem__, wiring.world_frame, octets=lambda b: b
         )
-        self.announcer = PlumePublisher(self._messages, self._send)
-        self.control = NodeControl(self.feeder, self.announcer, output=output)
-        self._diagnostics = wire.advertise(HEALTH_TOPIC, HEALTH_TYPE, latched=False)
-        self._answer = wire.advertise(f"{names.out}/answer", STRING, latched=False)
+        self.plume_publisher = PlumePublisher(self._messages, self._send_message)
+        self.control = NodeControl(self.adapter, self.plume_publisher, output=output)
+        self._send_diagnostics = transport.advertise(
+            DIAGNOSTICS_TOPIC, DIAGNOSTICS_TYPE, latched=False
+        )
+        self._send_answer = transport.advertise(f"{names.out}/answer", STRING, latched=False)
         self._diagnosed_s = -DIAGNOSE_S
-        self._listen(wiring, names)
+        self._subscribe_topics(wiring, names)
 
-    def _listen(self, wiring: Wiring, names: TopicNames) -> None:
+    def _subscribe_topics(self, wiring: Wiring, names: TopicNames) -> None:
         compressed = names.image.endswith("/compressed")
         image = f"sensor_msgs/msg/{'CompressedImage' if compressed else 'Image'}"
-        listen, running = self._wire.listen, self.control.while_running
-        listen(names.image, image, running(self.feeder.image))
-        listen(names.beside, "sensor_msgs/msg/CameraInfo", self.feeder.info)
-        listen("/tf", TF, self.feeder.transforms, reliable=True)
-        listen("/tf_static", TF, self.feeder.static_transforms, latched=True)
+        subscribe, running = self._transport.subscribe, self.control.while_running
+        subscribe(names.image, image, running(self.adapter.add_image))
+        subscribe(
+            names.camera_info_topic, "sensor_msgs/msg/CameraInfo", self.adapter.add_camera_info
+        )
+        subscribe("/tf", TF, self.adapter.add_transforms, reliable=True)
+        subscribe("/tf_static", TF, self.adapter.add_static_transforms, latched=True)
         if wiring.pose_source != "tf":
-            listen(names.pose, POSE_TYPES[wiring.pose_source], running(self.feeder.body_pose))
-        listen(f"{names.out}/command", STRING, self._obey, reliable=True)
+            subscribe(
+                names.pose, POSE_TYPES[wiring.pose_source], running(self.adapter.add_body_pose)
+            )
+        subscribe(f"{names.out}/command", STRING, self._run_command, reliable=True)
 
     def spin_once(self, timeout_s: float = 0.1) -> None:
         """Takes what comes within this time, and tells what has become known."""
-        self._wire.spin_once(timeout_s, self.feeder.refuse)
-        if self.feeder.locator is not None:
-            self.announcer.tell(self.feeder.locator.updates())
+        self._transport.spin_once(timeout_s, self.adapter.count_refusal)
+        if self.adapter.locator is not None:
+            self.plume_publisher.publish_updates(self.adapter.locator.updates())
         if time.monotonic() - self._diagnosed_s >= DIAGNOSE_S:
             self._diagnosed_s = time.monotonic()
-            name, health = f"{self._out.strip('/')}: plumes", self.control.health()
-            self._diagnostics(self._messages.health(name, health, time.time_ns()))
+            name, health = f"{self._out.strip('/')}: plumes", self.control.report_health()
+            self._send_diagnostics(self._messages.build_diagnostics(name, health, time.time_ns()))
 
     def close(self) -> None:
         """Ends the detector's thread."""
-        self.feeder.close()
+        self.adapter.close()
 
-    def _obey(self, message: Any) -> None:
-        answer = self.control.command(message.data, time.time_ns())
+    def _run_command(self, message: Any) -> None:
+        answer = self.control.run_command(message.data, time.time_ns())
         text = message.data if answer.success else f"{message.data} failed"
-        self._answer(self._wire.types.types[STRING](data=f"{text}: {answer.message}"))
+        self._send_answer(self._transport.types.types[STRING](data=f"{text}: {answer.message}"))
 
-    def _send(self, name: str, message: Any, _stamp_ns: int) -> None:
+    def _send_message(self, name: str, message: Any, _stamp_ns: int) -> None:
         if name not in self._senders:
-            self._senders[name] = self._wire.advertise(f"{self._out}/{name}", type_of(name))
+            self._senders[name] = self._transport.advertise(f"{self._out}/{name}", topic_type(name))
         self._senders[name](message)

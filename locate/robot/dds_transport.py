@@ -27,13 +27,13 @@ BLOCKED_NS = 100_000_000
 PYTHON_TYPES = {"string": str, "bool": bool}
 
 
-def _passing_bytes(idl_struct: Any) -> Any:
+def _pass_bytes_through(idl_struct: Any) -> Any:
     """An IDL struct whose samples are their bytes, which cyclonedds then passes through."""
 
-    def keep(sample: Any, data: bytes) -> None:
+    def keep_bytes(sample: Any, data: bytes) -> None:
         sample.data = data
 
-    idl_struct.__init__ = keep
+    idl_struct.__init__ = keep_bytes
     idl_struct.serialize = lambda sample, **_how: sample.data
     idl_struct.deserialize = classmethod(lambda cls, data, **_how: cls(data))
     idl_struct.deserialize_key = idl_struct.deserialize
@@ -71,21 +71,21 @@ class DdsTransport:
         self._waiting = WaitSet(self._participant)
         self._readers: list[tuple[DataReader[Any], str, Callable[[Any], object]]] = []
 
-    def listen(
+    def subscribe(
         self,
         topic: str,
         type_name: str,
-        take: Callable[[Any], object],
+        on_message: Callable[[Any], object],
         *,
         reliable: bool = False,
         latched: bool = False,
     ) -> None:
-        """Gives every message of a topic to `take`, from within `spin_once`.
+        """Gives every message of a topic to `on_message`, from within `spin_once`.
 
         Args:
             topic: As ROS names it, ``"/camera/image_raw"``.
             type_name: Such as ``"sensor_msgs/msg/Image"``.
-            take: Called with an object of `types`.
+            on_message: Called with an object of `types`.
             reliable: Wants what was lost sent again; otherwise as sensors do it.
             latched: Wants what was said before, too.
         """
@@ -93,11 +93,11 @@ class DdsTransport:
         from cyclonedds.sub import DataReader
 
         sure = reliable or latched
-        qos = _quality(reliable=sure, latched=latched, depth=DEPTH if sure else SENSOR_DEPTH)
-        reader = DataReader(self._participant, self._topic(topic, type_name), qos=qos)
+        qos = _make_qos(reliable=sure, latched=latched, depth=DEPTH if sure else SENSOR_DEPTH)
+        reader = DataReader(self._participant, self._make_topic(topic, type_name), qos=qos)
         unread = SampleState.NotRead | ViewState.Any | InstanceState.Any
         self._waiting.attach(ReadCondition(reader, unread))
-        self._readers.append((reader, type_name, take))
+        self._readers.append((reader, type_name, on_message))
 
     def advertise(
         self, topic: str, type_name: str, *, latched: bool = True
@@ -105,18 +105,18 @@ class DdsTransport:
         """A function that sends messages of a reliable topic, which those who come late hear too.
 
         Args:
-            topic: As of `listen`.
+            topic: As of `subscribe`.
             type_name: Likewise.
             latched: False where only those who listen at the time shall hear.
         """
         from cyclonedds.pub import DataWriter
 
         depth = LATCHED_DEPTH if latched else DEPTH
-        qos = _quality(reliable=True, latched=latched, depth=depth)
+        qos = _make_qos(reliable=True, latched=latched, depth=depth)
         writer: DataWriter[Any] = DataWriter(
-            self._participant, self._topic(topic, type_name), qos=qos
+            self._participant, self._make_topic(topic, type_name), qos=qos
         )
-        kind = self._class(type_name)
+        kind = self._message_struct(type_name)
         return lambda message: writer.write(
             kind(bytes(self.types.serialize_cdr(message, type_name)))
         )
@@ -133,7 +133,7 @@ class DdsTransport:
 
         unreadable = (SerdeError, ValueError, IndexError, struct.error)
         self._waiting.wait(round(timeout_s * 1e9))
-        for reader, type_name, take in self._readers:
+        for reader, type_name, on_message in self._readers:
             for sample in reader.take(MOST_AT_ONCE):
                 if isinstance(sample, InvalidSample):
                     continue
@@ -142,42 +142,44 @@ class DdsTransport:
                 except unreadable as error:
                     refuse("message", BadInputError(f"{type_name} cannot be read ({error})"))
                 else:
-                    take(message)
+                    on_message(message)
 
-    def _topic(self, topic: str, type_name: str) -> Any:
+    def _make_topic(self, topic: str, type_name: str) -> Any:
         from cyclonedds.topic import Topic
 
-        return Topic(self._participant, f"rt/{topic.lstrip('/')}", self._class(type_name))
+        return Topic(self._participant, f"rt/{topic.lstrip('/')}", self._message_struct(type_name))
 
-    def _class(self, type_name: str) -> Any:
+    def _message_struct(self, type_name: str) -> Any:
         """The IDL struct of a message, which cyclonedds wants in order to check its bytes."""
         from cyclonedds.idl import make_idl_struct
 
         if type_name not in self._classes:
             package, kind, name = type_name.split("/")
-            fields = {field: self._idl(node) for field, node in self.types.fielddefs[type_name][1]}
+            fields = {
+                field: self._field_type(node) for field, node in self.types.fielddefs[type_name][1]
+            }
             dds_name = f"{package}.{kind}.dds_.{name}_"
             struct_of_it = make_idl_struct(f"{name}_", dds_name, fields, dataclassify=False)
-            self._classes[type_name] = _passing_bytes(struct_of_it)
+            self._classes[type_name] = _pass_bytes_through(struct_of_it)
         return self._classes[type_name]
 
-    def _idl(self, node: Any) -> Any:
+    def _field_type(self, node: Any) -> Any:
         """The IDL type of a field."""
         from cyclonedds.idl import types as idl
         from rosbags.interfaces import Nodetype
 
         kind, of = node
         if kind == Nodetype.NAME:
-            return self._class(of)
+            return self._message_struct(of)
         if kind == Nodetype.BASE:
             return PYTHON_TYPES.get(of[0]) or getattr(idl, of[0])
         element, count = of
-        many = self._idl(element)
+        many = self._field_type(element)
         generic: Any = idl
         return generic.array[many, count] if kind == Nodetype.ARRAY else generic.sequence[many]
 
 
-def _quality(*, reliable: bool, latched: bool, depth: int) -> "Qos":
+def _make_qos(*, reliable: bool, latched: bool, depth: int) -> "Qos":
     from cyclonedds.qos import Policy, Qos
 
     return Qos(

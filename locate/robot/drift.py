@@ -28,25 +28,25 @@ class SharedError:
     pose: StampedPose | None
 
     @classmethod
-    def of(cls, poses: Sequence[StampedPose]) -> Self:
+    def from_poses(cls, poses: Sequence[StampedPose]) -> Self:
         """The error that these poses share."""
         known = [pose for pose in poses if np.isfinite(pose.covariance).all()]
         surest = min(known, key=lambda pose: float(np.trace(pose.covariance[3:, 3:])), default=None)
         return cls(pose=surest)
 
-    def taken_out(self, poses: Sequence[StampedPose]) -> list[StampedPose]:
+    def remove_from(self, poses: Sequence[StampedPose]) -> list[StampedPose]:
         """The poses with what is left of their covariances."""
-        return [replace(pose, covariance=self._own(pose)) for pose in poses]
+        return [replace(pose, covariance=self._own_covariance(pose)) for pose in poses]
 
-    def _own(self, pose: StampedPose) -> FloatArray:
+    def _own_covariance(self, pose: StampedPose) -> FloatArray:
         if self.pose is None or not np.isfinite(pose.covariance).all():
             return pose.covariance
         between = np.linalg.inv(pose.world_from_cam) @ self.pose.world_from_cam
         moved = np.asarray(gtsam.Pose3(between).AdjointMap())
         shared = moved @ self.pose.covariance @ moved.T
-        return _left(pose.covariance, shared)
+        return _remaining_covariance(pose.covariance, shared)
 
-    def at_point(self, point_in_world: FloatArray) -> FloatArray:
+    def covariance_at(self, point_in_world: FloatArray) -> FloatArray:
         """(3, 3) covariance that the shared error gives a point of the world, m squared."""
         if self.pose is None:
             return np.zeros((3, 3))
@@ -57,7 +57,7 @@ class SharedError:
         return np.asarray((1 - LEAST_OWN_SHARE) * jacobian @ self.pose.covariance @ jacobian.T)
 
 
-def _left(whole: FloatArray, shared: FloatArray) -> FloatArray:
+def _remaining_covariance(whole: FloatArray, shared: FloatArray) -> FloatArray:
     """`whole - shared`, kept between `LEAST_OWN_SHARE` and all of `whole` in every direction."""
     values, vectors = np.linalg.eigh(whole)
     root = vectors * np.sqrt(np.maximum(values, 1e-18))

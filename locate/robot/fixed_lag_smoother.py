@@ -19,7 +19,7 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.messages.poses import StampedPose, trajectory_from_poses
 from locate.robot.drift import SharedError
-from locate.robot.plume_tracks import as_column
+from locate.robot.plume_tracks import plume_column
 
 LEAST_VARIANCE_SHARE = 1e-3
 
@@ -68,20 +68,20 @@ class FixedLagSmoother:
         self.shared = shared
         self.unit = views.unit
         self._camera = views.trajectory.camera
-        self._column = as_column(plume)
+        self._column = plume_column(plume)
         self._height = float(plume.source[2] - self._column.lowest_z)
-        self._glimpses: deque[ViewMeasurement] = deque(maxlen=most)
+        self._measurements: deque[ViewMeasurement] = deque(maxlen=most)
         seen = sight_axis(views, self._column)
         self._away = int(np.sign(seen.bending_sign.sum()))
-        for row, pose in enumerate(shared.taken_out(poses)):
+        for row, pose in enumerate(shared.remove_from(poses)):
             number = int(views.trajectory.indices[row])
-            part = _taken(seen, seen.view == row)
-            self._glimpses.append(ViewMeasurement(number=number, pose=pose, sightings=part))
+            part = _select_sightings(seen, seen.view == row)
+            self._measurements.append(ViewMeasurement(number=number, pose=pose, sightings=part))
         first = estimate_axis(views.trajectory, self._column, seen, self.unit, origin=self._height)
         self._sway = None if first is None else first.sway
-        self._first = self._estimate()
+        self._first = self._estimate_axis()
 
-    def add(self, number: int, pose: StampedPose, view: Views) -> Plume | None:
+    def add_view(self, number: int, pose: StampedPose, view: Views) -> Plume | None:
         """Takes the next view; the plume as it is now, None where this view does not show it.
 
         Args:
@@ -92,38 +92,40 @@ class FixedLagSmoother:
         seen = sight_axis(view, self._column, self._away)
         if self._first is None or not len(seen):
             return None
-        (own,) = self.shared.taken_out([pose])
-        self._glimpses.append(ViewMeasurement(number=number, pose=own, sightings=seen))
-        now = self._estimate()
-        return None if now is None else self._moved(self._first, now)
+        (own,) = self.shared.remove_from([pose])
+        self._measurements.append(ViewMeasurement(number=number, pose=own, sightings=seen))
+        now = self._estimate_axis()
+        return None if now is None else self._update_plume(self._first, now)
 
     @property
-    def span(self) -> tuple[int, int]:
+    def view_range(self) -> tuple[int, int]:
         """Numbers of the first and the last view behind it."""
-        return self._glimpses[0].number, self._glimpses[-1].number
+        return self._measurements[0].number, self._measurements[-1].number
 
-    def _estimate(self) -> AxisEstimate | None:
+    def _estimate_axis(self) -> AxisEstimate | None:
         if self._sway is None:
             return None
-        glimpses = list(self._glimpses)
+        measurements = list(self._measurements)
         trajectory = trajectory_from_poses(
-            [glimpse.pose for glimpse in glimpses],
-            [glimpse.number for glimpse in glimpses],
+            [measurement.pose for measurement in measurements],
+            [measurement.number for measurement in measurements],
             self._camera,
         )
-        seen = _joined([glimpse.sightings for glimpse in glimpses], trajectory.times_s)
+        seen = _concatenate_sightings(
+            [measurement.sightings for measurement in measurements], trajectory.times_s
+        )
         sway: Sway = self._sway.applied_to(seen, self._height, self.unit)
         return estimate_axis(
             trajectory, self._column, seen, self.unit, origin=self._height, sway=sway
         )
 
-    def _moved(self, first: AxisEstimate, now: AxisEstimate) -> Plume:
+    def _update_plume(self, first: AxisEstimate, now: AxisEstimate) -> Plume:
         """The plume, moved and made surer or less sure as its axis was since the search."""
         before, covariance_before = first.point_at(self._height)
         after, covariance_after = now.point_at(self._height)
-        rest = _positive(self.plume.source_covariance - covariance_before)
+        rest = _make_positive(self.plume.source_covariance - covariance_before)
         surer = now.direction_sigma_rad / first.direction_sigma_rad
-        views = {*self.plume.views, *(g.number for g in self._glimpses if len(g.sightings))}
+        views = {*self.plume.views, *(g.number for g in self._measurements if len(g.sightings))}
         return replace(
             self.plume,
             source=self.plume.source + after - before,
@@ -134,12 +136,12 @@ class FixedLagSmoother:
         )
 
 
-def _taken(sightings: AxisSightings, rows: np.ndarray) -> AxisSightings:
+def _select_sightings(sightings: AxisSightings, rows: np.ndarray) -> AxisSightings:
     parts = {field.name: getattr(sightings, field.name)[rows] for field in fields(sightings)}
     return AxisSightings(**parts)
 
 
-def _joined(parts: Sequence[AxisSightings], times_s: FloatArray) -> AxisSightings:
+def _concatenate_sightings(parts: Sequence[AxisSightings], times_s: FloatArray) -> AxisSightings:
     """The sightings of several views as one; each view's row is its place among the parts."""
     view = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     whole = {
@@ -149,7 +151,7 @@ def _joined(parts: Sequence[AxisSightings], times_s: FloatArray) -> AxisSighting
     return AxisSightings(**{**whole, "view": view, "time_s": times_s[view]})
 
 
-def _positive(covariance: FloatArray) -> FloatArray:
+def _make_positive(covariance: FloatArray) -> FloatArray:
     """The nearest covariance whose variances are not below a small share of the largest."""
     values, vectors = np.linalg.eigh(covariance)
     least = max(float(values[-1]), 1e-12) * LEAST_VARIANCE_SHARE

@@ -54,14 +54,14 @@ class FrameRectifier:
     pinhole: Camera = field(init=False)
 
     def __post_init__(self) -> None:
-        self._bending = bending(self.camera)
+        self._distortion_map = bending(self.camera)
         factor = min(1.0, self.width_px / self.camera.width)
         self.pinhole = self.camera.undistorted().scaled(factor)
 
-    def frame(self, image: GreyImage) -> GreyImage:
+    def rectify(self, image: GreyImage) -> GreyImage:
         """The image, undistorted and shrunk."""
-        if self._bending is not None:
-            image = np.rint(sample(image, self._bending)).clip(0, 255).astype(np.uint8)
+        if self._distortion_map is not None:
+            image = np.rint(sample(image, self._distortion_map)).clip(0, 255).astype(np.uint8)
         if self.pinhole.width == self.camera.width:
             return image.copy()
         size = (self.pinhole.width, self.pinhole.height)
@@ -77,8 +77,8 @@ class KeyFrameSelector:
 
     Attributes:
         counts: What became of everything that came in.
-        frames: The key frames; another window after a jump or for another camera.
-        lens: From the camera's images to these frames.
+        window: The key frames; another window after a jump or for another camera.
+        rectifier: From the camera's images to these frames.
         inverse_depth: Typical of the background, 1 / m: parallax is counted by it.
     """
 
@@ -93,37 +93,37 @@ class KeyFrameSelector:
         self.set_camera(camera)
 
     @property
-    def waiting(self) -> int:
+    def waiting_images(self) -> int:
         """How many images wait for their poses."""
         return len(self._images)
 
     def set_camera(self, camera: Camera) -> None:
         """Goes on with another camera, in another window."""
-        self.lens = FrameRectifier(camera=camera, width_px=self._settings.width_px)
+        self.rectifier = FrameRectifier(camera=camera, width_px=self._settings.width_px)
         self._images.clear()
         self._begin_window()
 
-    def check(self, image: GreyImage) -> None:
+    def check_image(self, image: GreyImage) -> None:
         """Refuses what the camera did not take.
 
         Raises:
             BadInputError: Its size or type is another.
         """
-        camera = self.lens.camera
+        camera = self.rectifier.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width):
             raise BadInputError(
                 f"image is {image.shape} {image.dtype}; the camera takes "
                 f"({camera.height}, {camera.width}) uint8"
             )
 
-    def pose(self, pose: StampedPose) -> None:
+    def add_pose(self, pose: StampedPose) -> None:
         """Takes a pose."""
         self.counts.poses += 1
         self._move_clock(pose.stamp_ns)
         self._poses.add(pose)
-        self._match()
+        self._match_poses()
 
-    def image(self, image: GreyImage, stamp_ns: int) -> None:
+    def add_image(self, image: GreyImage, stamp_ns: int) -> None:
         """Takes an image; it waits for its pose if need be."""
         self.counts.images += 1
         self._move_clock(stamp_ns)
@@ -131,12 +131,12 @@ class KeyFrameSelector:
         if pose is None:
             self._images[stamp_ns] = image.copy()
         else:
-            self._consider(image, pose)
-        self._match()
+            self._select_image(image, pose)
+        self._match_poses()
 
     def _begin_window(self) -> None:
-        self.frames = FrameWindow(
-            self.lens.pinhole,
+        self.window = FrameWindow(
+            self.rectifier.pinhole,
             first=self._number,
             most=self._settings.frames_kept,
             lag=self._settings.lag,
@@ -150,41 +150,41 @@ class KeyFrameSelector:
             self._newest_ns = None
             self._poses.clear()
             self._images.clear()
-            self._jumped()
+            self._restart_after_jump()
         self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
 
-    def _jumped(self) -> None:
+    def _restart_after_jump(self) -> None:
         self.counts.jumps += 1
         self._begin_window()
 
-    def _match(self) -> None:
+    def _match_poses(self) -> None:
         """Joins waiting images with their poses, and lets those go that waited too long."""
         oldest_ns = (self._newest_ns or 0) - round(self._settings.patience_s * NS_PER_S)
         surplus = len(self._images) - self._settings.images_kept
         for place, stamp_ns in enumerate(sorted(self._images)):
             pose = self._poses.interpolate_at(stamp_ns)
             if pose is not None:
-                self._consider(self._images.pop(stamp_ns), pose)
+                self._select_image(self._images.pop(stamp_ns), pose)
             elif stamp_ns < oldest_ns or place < surplus:
                 del self._images[stamp_ns]
                 self.counts.unposed += 1
 
-    def _consider(self, image: GreyImage, pose: StampedPose) -> None:
+    def _select_image(self, image: GreyImage, pose: StampedPose) -> None:
         """Keeps the image as a key frame where the camera has moved enough since the last."""
         if self._last_pose is not None and self._is_jump(self._last_pose, pose):
-            self._jumped()
+            self._restart_after_jump()
         self._last_pose = pose
         if self._last_key is not None:
             baseline = np.linalg.norm(pose.center_in_world - self._last_key.center_in_world)
-            focal_share = self.lens.pinhole.focal_px / self.lens.pinhole.width
+            focal_share = self.rectifier.pinhole.focal_px / self.rectifier.pinhole.width
             if baseline * self.inverse_depth * focal_share < self._settings.spacing:
                 self.counts.passed_over += 1
                 return
         self._last_key = pose
-        key = WindowFrame(number=self._number, image=self.lens.frame(image), pose=pose)
+        key = WindowFrame(number=self._number, image=self.rectifier.rectify(image), pose=pose)
         self._number += 1
         self.counts.key_frames += 1
-        self.counts.dropped += self.frames.add(key)
+        self.counts.dropped += self.window.add(key)
 
     def _is_jump(self, before: StampedPose, after: StampedPose) -> bool:
         distance = float(np.linalg.norm(after.center_in_world - before.center_in_world))

@@ -20,14 +20,19 @@ from locate.map.plume import PlumeMap
 from locate.messages.poses import UNKNOWN_COVARIANCE, StampedPose
 from locate.robot.engine import PlumeEngine
 from locate.robot.keyframe_selector import KeyFrameSelector, LocatorCounts
-from locate.robot.next_view import ViewSuggestion, rank
+from locate.robot.next_view import ViewSuggestion, rank_poses
 from locate.robot.plume_tracks import PlumeUpdate, TrackState
 from locate.robot.search import LocalPlumeSearch, PlumeSearch
 from locate.robot.settings import LocatorSettings
 from locate.robot.window import DetectionTask
-from locate.robot.worker import AVAILABLE, LEARNED, DetectorWorker, PlumeSearchWorker
+from locate.robot.worker import (
+    LEARNED_DETECTOR,
+    WORKERS_AVAILABLE,
+    DetectorWorker,
+    PlumeSearchWorker,
+)
 
-MOST_NEWS = 1024
+MOST_PENDING_UPDATES = 1024
 AT_LEAST_EVERY_S = 5.0
 
 log = logging.getLogger("locate.robot")
@@ -68,24 +73,24 @@ class Locator:
     ) -> None:
         self.settings = settings or LocatorSettings()
         neighbours = self.settings.neighbours
-        self._detector = detector or make_detector(LEARNED, neighbours=neighbours)
-        processes = threaded and AVAILABLE
+        self._detector = detector or make_detector(LEARNED_DETECTOR, neighbours=neighbours)
+        processes = threaded and WORKERS_AVAILABLE
         more = self.settings.detector_workers - 1 if processes and detector is None else 0
-        self._helpers = [DetectorWorker(self._detector, neighbours) for _ in range(more)]
+        self._detector_workers = [DetectorWorker(self._detector, neighbours) for _ in range(more)]
         self._searcher: PlumeSearch = (PlumeSearchWorker if processes else LocalPlumeSearch)(
             self._detector.name, self.settings
         )
-        self._outbox: deque[PlumeUpdate] = deque(maxlen=MOST_NEWS)
+        self._pending_updates: deque[PlumeUpdate] = deque(maxlen=MOST_PENDING_UPDATES)
         self._changed = threading.Condition()
-        self._looking = 0
+        self._detecting = 0
         self._deciding = self._pausing = self._ending = self._closing = False
-        self._begin(camera)
+        self._begin_session(camera)
         self._threaded = threaded
-        detectors: list[Detector] = [self._detector, *self._helpers]
-        work: list[Callable[[], None]] = [partial(self._keep_looking, one) for one in detectors]
+        detectors: list[Detector] = [self._detector, *self._detector_workers]
+        work: list[Callable[[], None]] = [partial(self._run_detector, one) for one in detectors]
         self._threads = [
             threading.Thread(target=task, name="locate", daemon=True)
-            for task in ([*work, self._keep_deciding] if threaded else ())
+            for task in ([*work, self._run_decisions] if threaded else ())
         ]
         for thread in self._threads:
             thread.start()
@@ -112,7 +117,7 @@ class Locator:
         Raises:
             BadInputError: The image does not fit the camera, or the pose is none.
         """
-        self._intake.check(image)
+        self._selector.check_image(image)
         self.feed_pose(world_from_cam, covariance, stamp_ns)
         self.feed_image(image, stamp_ns)
         return self.updates()
@@ -129,29 +134,29 @@ class Locator:
             else np.array(covariance, dtype=float),
         )
         with self._changed:
-            self._intake.pose(pose)
+            self._selector.add_pose(pose)
             self._changed.notify_all()
-        self._work_here()
+        self._process_inline()
 
     def feed_image(self, image: GreyImage, stamp_ns: int) -> None:
         """Takes an image; it waits for its pose if need be. See `feed`."""
-        self._intake.check(image)
+        self._selector.check_image(image)
         with self._changed:
-            self._intake.image(image, stamp_ns)
+            self._selector.add_image(image, stamp_ns)
             self._changed.notify_all()
-        self._work_here()
+        self._process_inline()
 
     @property
     def counts(self) -> LocatorCounts:
         """What became of everything that was fed."""
-        return self._intake.counts
+        return self._selector.counts
 
     def updates(self) -> list[PlumeUpdate]:
         """What has become known since the last call."""
         with self._changed:
-            news = list(self._outbox)
-            self._outbox.clear()
-        return news
+            updates = list(self._pending_updates)
+            self._pending_updates.clear()
+        return updates
 
     def finish(self, timeout_s: float | None = None) -> list[PlumeUpdate]:
         """Looks at all frames that still wait, decides, and returns what is new.
@@ -161,13 +166,13 @@ class Locator:
         """
         self._ending = True
         try:
-            self._work_here()
+            self._process_inline()
             with self._changed:
                 self._changed.notify_all()
-                if not self._changed.wait_for(self._idle, timeout_s):
+                if not self._changed.wait_for(self._is_idle, timeout_s):
                     return self.updates()
                 self._deciding = True
-            self._decide()
+            self._update_plumes()
         finally:
             self._ending = False
         return self.updates()
@@ -179,7 +184,7 @@ class Locator:
             gravity=True,
             detector=self._detector.name,
             version=__version__,
-            plumes=tuple(self._engine.confirmed),
+            plumes=tuple(self._engine.confirmed_plumes),
         )
 
     def suggest(self, poses: Sequence[FloatArray]) -> list[ViewSuggestion]:
@@ -189,23 +194,27 @@ class Locator:
             poses: (4, 4) world_from_cam each, those that the robot can reach.
         """
         engine = self._engine
-        plumes = [track.shown for track in engine.tracks.all if track.state is not TrackState.LOST]
-        return rank(plumes, engine.background_in_world, self._intake.lens.pinhole, poses)
+        plumes = [
+            track.shown for track in engine.tracks.all_tracks if track.state is not TrackState.LOST
+        ]
+        return rank_poses(
+            plumes, engine.background_in_world, self._selector.rectifier.pinhole, poses
+        )
 
     def set_camera(self, camera: Camera) -> None:
         """Goes on with another camera; the window begins anew, the plumes stay."""
         with self._changed:
-            if camera != self._intake.lens.camera:
-                self._intake.set_camera(camera)
+            if camera != self._selector.rectifier.camera:
+                self._selector.set_camera(camera)
 
     def reset(self) -> None:
         """Forgets everything, the plumes too."""
         with self._changed:
             self._pausing = True
-            self._changed.wait_for(lambda: not self._looking and not self._deciding)
+            self._changed.wait_for(lambda: not self._detecting and not self._deciding)
             self._pausing = False
-            self._outbox.clear()
-            self._begin(self._intake.lens.camera)
+            self._pending_updates.clear()
+            self._begin_session(self._selector.rectifier.camera)
 
     def close(self) -> None:
         """Ends the threads, when they have done what they are at, and the processes."""
@@ -215,7 +224,7 @@ class Locator:
         for thread in self._threads:
             thread.join()
         self._searcher.close()
-        for helper in self._helpers:
+        for helper in self._detector_workers:
             helper.close()
 
     def __enter__(self) -> Self:
@@ -229,33 +238,35 @@ class Locator:
     ) -> None:
         self.close()
 
-    def _begin(self, camera: Camera) -> None:
-        self._intake = KeyFrameSelector(camera, self.settings)
+    def _begin_session(self, camera: Camera) -> None:
+        self._selector = KeyFrameSelector(camera, self.settings)
         self._engine = PlumeEngine(self._searcher, self.settings)
 
-    def _idle(self) -> bool:
-        return not self._looking and not self._deciding and not self._intake.frames.waiting
+    def _is_idle(self) -> bool:
+        return (
+            not self._detecting and not self._deciding and not self._selector.window.waiting_count
+        )
 
-    def _take(self) -> DetectionTask | None:
+    def _take_task(self) -> DetectionTask | None:
         if self._pausing:
             return None
-        return self._intake.frames.take(
+        return self._selector.window.take_task(
             newest=self._threaded and not self._ending, ending=self._ending
         )
 
-    def _keep_looking(self, detector: Detector) -> None:
+    def _run_detector(self, detector: Detector) -> None:
         """A thread: looks at one key frame after the other."""
         while True:
             with self._changed:
                 task = None
-                while not self._closing and (task := self._take()) is None:
+                while not self._closing and (task := self._take_task()) is None:
                     self._changed.wait()
                 if task is None:
                     return
-                self._looking += 1
-            self._look(task, detector)
+                self._detecting += 1
+            self._process_frame(task, detector)
 
-    def _keep_deciding(self) -> None:
+    def _run_decisions(self) -> None:
         """A thread: decides whenever enough has been seen, and on the rest after a while.
 
         It rests as long as it worked: searches take half a processor at most.
@@ -264,39 +275,41 @@ class Locator:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._closing, rest_s)
-                self._changed.wait_for(lambda: self._closing or self._engine.due, AT_LEAST_EVERY_S)
+                self._changed.wait_for(
+                    lambda: self._closing or self._engine.decision_due, AT_LEAST_EVERY_S
+                )
                 if self._closing:
                     return
                 self._deciding = True
             started = time.monotonic()
-            self._decide()
+            self._update_plumes()
             rest_s = time.monotonic() - started
 
-    def _work_here(self) -> None:
+    def _process_inline(self) -> None:
         """Looks at all frames that are ready, and decides, where no thread does."""
-        while not self._threaded and (task := self._take()) is not None:
-            self._looking += 1
-            self._look(task, self._detector)
-            if self._engine.due:
-                self._decide()
+        while not self._threaded and (task := self._take_task()) is not None:
+            self._detecting += 1
+            self._process_frame(task, self._detector)
+            if self._engine.decision_due:
+                self._update_plumes()
 
-    def _look(self, task: DetectionTask, detector: Detector) -> None:
-        news = self._guarded(lambda: self._engine.look(task, detector))
+    def _process_frame(self, task: DetectionTask, detector: Detector) -> None:
+        updates = self._run_guarded(lambda: self._engine.process_frame(task, detector))
         with self._changed:
             self.counts.looked_at += 1
-            self._intake.inverse_depth = self._engine.inverse_depth
-            self._outbox.extend(news)
-            self._looking -= 1
+            self._selector.inverse_depth = self._engine.inverse_depth
+            self._pending_updates.extend(updates)
+            self._detecting -= 1
             self._changed.notify_all()
 
-    def _decide(self) -> None:
-        news = self._guarded(self._engine.decide)
+    def _update_plumes(self) -> None:
+        updates = self._run_guarded(self._engine.update_plumes)
         with self._changed:
-            self._outbox.extend(news)
+            self._pending_updates.extend(updates)
             self._deciding = False
             self._changed.notify_all()
 
-    def _guarded(self, work: Callable[[], list[PlumeUpdate]]) -> list[PlumeUpdate]:
+    def _run_guarded(self, work: Callable[[], list[PlumeUpdate]]) -> list[PlumeUpdate]:
         """Does the work; one frame's failure must not stop a robot."""
         try:
             return work()

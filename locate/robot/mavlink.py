@@ -34,7 +34,7 @@ def region_of_interest(plume: Plume, origin: Georeference, *, system: int, compo
     Raises:
         BadInputError: The height of the source cannot be told above the sea or the take-off.
     """
-    frame, (lat_deg, lon_deg, height_m) = _on_earth(plume.source, origin)
+    frame, (lat_deg, lon_deg, height_m) = _global_position(plume.source, origin)
     return mavlink.MAVLink_command_int_message(
         target_system=system,
         target_component=component,
@@ -81,7 +81,7 @@ def landing_target(plume: Plume, *, time_us: int) -> Any:
     )
 
 
-def plan(plumes: Sequence[Plume], origin: Georeference) -> dict[str, Any]:
+def mission_plan(plumes: Sequence[Plume], origin: Georeference) -> dict[str, Any]:
     """A QGroundControl .plan: for each plume look at its source, then circle in its updraft.
 
     Raises:
@@ -94,9 +94,11 @@ def plan(plumes: Sequence[Plume], origin: Georeference) -> dict[str, Any]:
             (mavlink.MAV_CMD_DO_SET_ROI_LOCATION, plume.source, 0.0),
             (mavlink.MAV_CMD_NAV_LOITER_UNLIM, above, None),
         ):
-            frame, where = _on_earth(place, origin)
+            frame, where = _global_position(place, origin)
             circle = LOITER_RADIUS_M if fourth is None else 0.0
-            items.append(_item(command, frame, [0.0, 0.0, circle, fourth, *where], len(items) + 1))
+            items.append(
+                _mission_item(command, frame, [0.0, 0.0, circle, fourth, *where], len(items) + 1)
+            )
     home = [origin.lat_deg, origin.lon_deg, origin.height_m]
     return {
         "fileType": "Plan",
@@ -116,7 +118,7 @@ def plan(plumes: Sequence[Plume], origin: Georeference) -> dict[str, Any]:
     }
 
 
-def _item(
+def _mission_item(
     command: int, frame: int, parameters: Sequence[float | None], number: int
 ) -> dict[str, Any]:
     return {
@@ -129,7 +131,7 @@ def _item(
     }
 
 
-def _on_earth(point_in_enu: FloatArray, origin: Georeference) -> tuple[int, list[float]]:
+def _global_position(point_in_enu: FloatArray, origin: Georeference) -> tuple[int, list[float]]:
     """MAVLink's frame, and latitude, longitude (deg) and altitude (m) in it."""
     lat_deg, lon_deg, height_m = origin.lat_lon_height(point_in_enu)[0].tolist()
     if origin.datum is HeightDatum.TAKEOFF:

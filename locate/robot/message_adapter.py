@@ -29,7 +29,7 @@ class MessageAdapter:
     Attributes:
         locator: None before the first camera_info.
         camera: Likewise.
-        refused: How many messages of each kind could not be used.
+        refusals: How many messages of each kind could not be used.
         last_refusal: Why the latest of them could not.
     """
 
@@ -44,7 +44,7 @@ class MessageAdapter:
     ) -> None:
         self.locator: Locator | None = None
         self.camera: Camera | None = None
-        self.refused: Counter[str] = Counter()
+        self.refusals: Counter[str] = Counter()
         self.last_refusal = ""
         self._wiring = wiring
         self._pose_resolver = PoseResolver(wiring)
@@ -56,7 +56,7 @@ class MessageAdapter:
         self._pending: deque[int] = deque(maxlen=MOST_PENDING)
 
     @property
-    def tree(self) -> TransformTree:
+    def transform_tree(self) -> TransformTree:
         """What TF has said."""
         return self._pose_resolver.tree
 
@@ -71,12 +71,12 @@ class MessageAdapter:
         if self.locator is not None:
             self.locator.reset()
 
-    def info(self, message: Any) -> None:
+    def add_camera_info(self, message: Any) -> None:
         """Takes a `CameraInfo`."""
         try:
             camera = camera_from_info(message, rectified=self._wiring.rectified)
         except BadInputError as error:
-            self.refuse("camera_info", error)
+            self.count_refusal("camera_info", error)
             return
         if camera == self.camera:
             return
@@ -91,7 +91,7 @@ class MessageAdapter:
                 threaded=self._threaded,
             )
 
-    def image(self, message: Any) -> None:
+    def add_image(self, message: Any) -> None:
         """Takes an `Image` or a `CompressedImage`."""
         try:
             if self.locator is None:
@@ -102,21 +102,21 @@ class MessageAdapter:
             )
             self.locator.feed_image(image, stamp)
         except BadInputError as error:
-            self.refuse("image", error)
+            self.count_refusal("image", error)
             return
         self._pending.append(stamp)
-        self._pose_pending()
+        self._find_waiting_poses()
 
-    def static_transforms(self, message: Any) -> None:
+    def add_static_transforms(self, message: Any) -> None:
         """Takes a `TFMessage` that holds for ever."""
-        self.tree.add(message.transforms, static=True)
+        self.transform_tree.add(message.transforms, static=True)
 
-    def transforms(self, message: Any) -> None:
+    def add_transforms(self, message: Any) -> None:
         """Takes a `TFMessage`."""
-        self.tree.add(message.transforms, static=False)
-        self._pose_pending()
+        self.transform_tree.add(message.transforms, static=False)
+        self._find_waiting_poses()
 
-    def _pose_pending(self) -> None:
+    def _find_waiting_poses(self) -> None:
         """Looks up the poses of the images that wait for TF."""
         if self._wiring.pose_source != "tf" or self.locator is None:
             return
@@ -126,7 +126,7 @@ class MessageAdapter:
                 self._pending.remove(stamp)
                 self.locator.feed_pose(pose.world_from_cam, pose.covariance, stamp)
 
-    def body_pose(self, message: Any) -> None:
+    def add_body_pose(self, message: Any) -> None:
         """Takes an `Odometry`, a `PoseWithCovarianceStamped` or a `PoseStamped` of the body."""
         if self.locator is None:
             return
@@ -134,15 +134,15 @@ class MessageAdapter:
             pose = self._pose_resolver.pose_from_message(message)
             self.locator.feed_pose(pose.world_from_cam, pose.covariance, pose.stamp_ns)
         except BadInputError as error:
-            self.refuse("pose", error)
+            self.count_refusal("pose", error)
 
-    def refuse(self, what: str, error: BadInputError) -> None:
+    def count_refusal(self, what: str, error: BadInputError) -> None:
         """Counts a message that cannot be used."""
-        self.refused[what] += 1
+        self.refusals[what] += 1
         self.last_refusal = f"{what}: {error}"
         self._on_refusal(self.last_refusal)
 
-    def trouble(self) -> str:
+    def find_problem(self) -> str:
         """The first thing that a person should look into; empty where there is none."""
         if self.locator is None:
             return self.last_refusal or "no camera_info yet"

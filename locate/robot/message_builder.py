@@ -40,7 +40,7 @@ class NodeHealth:
         values: What became of everything that came in, by name.
     """
 
-    trouble: str
+    problem: str
     values: dict[str, int]
 
 
@@ -68,49 +68,49 @@ class MessageBuilder:
         self._octets = octets
         self._octet = octet
 
-    def header(self, stamp_ns: int) -> Any:
+    def build_header(self, stamp_ns: int) -> Any:
         """`std_msgs/Header` in the world frame."""
         stamp = self._class_of("builtin_interfaces/msg/Time")(
             sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
         )
         return self._class_of("std_msgs/msg/Header")(stamp=stamp, frame_id=self._frame_id)
 
-    def source(self, update: PlumeUpdate) -> Any:
+    def build_leak_pose(self, update: PlumeUpdate) -> Any:
         """`PoseWithCovarianceStamped`: the source; its orientation says nothing."""
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = update.plume.source_covariance
         covariance[3:, 3:] = UNKNOWN_VARIANCE * np.eye(3)
         pose = self._class_of("geometry_msgs/msg/PoseWithCovariance")(
-            pose=self._pose(update.plume.source), covariance=covariance.ravel()
+            pose=self._build_pose(update.plume.source), covariance=covariance.ravel()
         )
         return self._class_of("geometry_msgs/msg/PoseWithCovarianceStamped")(
-            header=self.header(update.stamp_ns), pose=pose
+            header=self.build_header(update.stamp_ns), pose=pose
         )
 
-    def health(self, name: str, health: NodeHealth, stamp_ns: int) -> Any:
+    def build_diagnostics(self, name: str, health: NodeHealth, stamp_ns: int) -> Any:
         """`DiagnosticArray` of one node's health."""
         pair = self._class_of("diagnostic_msgs/msg/KeyValue")
         status = self._class_of("diagnostic_msgs/msg/DiagnosticStatus")(
-            level=self._octet(WARN if health.trouble else OK),
+            level=self._octet(WARN if health.problem else OK),
             name=name,
-            message=health.trouble or "looking",
+            message=health.problem or "looking",
             hardware_id="",
             values=[pair(key=key, value=str(count)) for key, count in health.values.items()],
         )
         array = self._class_of("diagnostic_msgs/msg/DiagnosticArray")
-        return array(header=self.header(stamp_ns), status=[status])
+        return array(header=self.build_header(stamp_ns), status=[status])
 
-    def markers(self, updates: Iterable[PlumeUpdate], stamp_ns: int) -> Any:
+    def build_markers(self, updates: Iterable[PlumeUpdate], stamp_ns: int) -> Any:
         """`MarkerArray` of all plumes: the source's 2-sigma ellipsoid, the axis, and a label.
 
         It begins by deleting what was shown before, so the latest one alone is the whole picture.
         """
-        marks = [self._marker(stamp_ns, "", 0, kind=SPHERE, action=DELETE_ALL)]
+        markers = [self._build_marker(stamp_ns, "", 0, kind=SPHERE, action=DELETE_ALL)]
         for update in updates:
-            marks += self._marks(update, stamp_ns)
-        return self._class_of("visualization_msgs/msg/MarkerArray")(markers=marks)
+            markers += self._plume_markers(update, stamp_ns)
+        return self._class_of("visualization_msgs/msg/MarkerArray")(markers=markers)
 
-    def _marks(self, update: PlumeUpdate, stamp_ns: int) -> list[Any]:
+    def _plume_markers(self, update: PlumeUpdate, stamp_ns: int) -> list[Any]:
         plume, colour = update.plume, COLOURS[update.state]
         variances, axes = np.linalg.eigh(plume.source_covariance)
         axes[:, 0] *= np.sign(np.linalg.det(axes))
@@ -120,70 +120,72 @@ class MessageBuilder:
         sigma_m = float(plume.principal_sigmas[0])
         text = f"{plume.id} {update.state}\n{plume.probability:.3f}, {sigma_m:.2f} m"
         return [
-            self._marker(
+            self._build_marker(
                 stamp_ns,
                 "source",
                 plume.id,
                 kind=SPHERE,
-                pose=self._pose(plume.source, axes),
+                pose=self._build_pose(plume.source, axes),
                 scale=(float(size[0]), float(size[1]), float(size[2])),
                 colour=(*colour, 0.5),
             ),
-            self._marker(
+            self._build_marker(
                 stamp_ns,
                 "axis",
                 plume.id,
                 kind=ARROW,
-                points=[self._point(plume.source), self._point(tip)],
+                points=[self._build_point(plume.source), self._build_point(tip)],
                 scale=(width, 2 * width, 0.0),
                 colour=(*colour, 0.8),
             ),
-            self._marker(
+            self._build_marker(
                 stamp_ns,
                 "label",
                 plume.id,
                 kind=TEXT,
-                pose=self._pose(tip),
+                pose=self._build_pose(tip),
                 scale=(0.0, 0.0, 0.25),
                 colour=(*colour, 1.0),
                 text=text,
             ),
         ]
 
-    def cloud(self, updates: Iterable[PlumeUpdate], stamp_ns: int) -> Any:
+    def build_point_cloud(self, updates: Iterable[PlumeUpdate], stamp_ns: int) -> Any:
         """`PointCloud2` of the plumes' outlines: x, y, z, probability and plume (its id)."""
-        rows = [_outline(update.plume) for update in updates if update.state != TrackState.LOST]
-        points = np.concatenate(rows) if rows else np.zeros(0, _POINT)
+        rows = [
+            _outline_points(update.plume) for update in updates if update.state != TrackState.LOST
+        ]
+        points = np.concatenate(rows) if rows else np.zeros(0, _POINT_TYPE)
         field = self._class_of("sensor_msgs/msg/PointField")
         fields = [
             field(name=name, offset=4 * place, datatype=kind, count=1)
             for place, (name, kind) in enumerate((*POINT_FIELDS, ("plume", UINT32)))
         ]
         return self._class_of("sensor_msgs/msg/PointCloud2")(
-            header=self.header(stamp_ns),
+            header=self.build_header(stamp_ns),
             height=1,
             width=len(points),
             fields=fields,
             is_bigendian=False,
-            point_step=_POINT.itemsize,
-            row_step=_POINT.itemsize * len(points),
+            point_step=_POINT_TYPE.itemsize,
+            row_step=_POINT_TYPE.itemsize * len(points),
             data=self._octets(points.view(np.uint8)),
             is_dense=True,
         )
 
-    def _point(self, place: FloatArray) -> Any:
+    def _build_point(self, place: FloatArray) -> Any:
         x, y, z = map(float, place)
         return self._class_of("geometry_msgs/msg/Point")(x=x, y=y, z=z)
 
-    def _pose(self, place: FloatArray, axes: FloatArray | None = None) -> Any:
+    def _build_pose(self, place: FloatArray, axes: FloatArray | None = None) -> Any:
         rotation = Rotation.identity() if axes is None else Rotation.from_matrix(axes)
         x, y, z, w = map(float, rotation.as_quat())
         quaternion = self._class_of("geometry_msgs/msg/Quaternion")(x=x, y=y, z=z, w=w)
         return self._class_of("geometry_msgs/msg/Pose")(
-            position=self._point(place), orientation=quaternion
+            position=self._build_point(place), orientation=quaternion
         )
 
-    def _marker(
+    def _build_marker(
         self,
         stamp_ns: int,
         namespace: str,
@@ -201,12 +203,12 @@ class MessageBuilder:
         nothing = self._octets(np.zeros(0, np.uint8))
         compressed = self._class_of("sensor_msgs/msg/CompressedImage")
         return self._class_of("visualization_msgs/msg/Marker")(
-            header=self.header(stamp_ns),
+            header=self.build_header(stamp_ns),
             ns=namespace,
             id=number,
             type=kind,
             action=action,
-            pose=self._pose(np.zeros(3)) if pose is None else pose,
+            pose=self._build_pose(np.zeros(3)) if pose is None else pose,
             scale=self._class_of("geometry_msgs/msg/Vector3")(x=scale[0], y=scale[1], z=scale[2]),
             color=self._class_of("std_msgs/msg/ColorRGBA")(r=red, g=green, b=blue, a=alpha),
             lifetime=self._class_of("builtin_interfaces/msg/Duration")(sec=0, nanosec=0),
@@ -215,7 +217,7 @@ class MessageBuilder:
             colors=[],
             texture_resource="",
             texture=compressed(
-                header=self.header(0), format="", data=self._octets(np.zeros(0, np.uint8))
+                header=self.build_header(0), format="", data=self._octets(np.zeros(0, np.uint8))
             ),
             uv_coordinates=[],
             text=text,
@@ -225,10 +227,10 @@ class MessageBuilder:
         )
 
 
-_POINT = np.dtype([*((name, "<f4") for name, _ in POINT_FIELDS), ("plume", "<u4")])
+_POINT_TYPE = np.dtype([*((name, "<f4") for name, _ in POINT_FIELDS), ("plume", "<u4")])
 
 
-def _outline(plume: Plume) -> NDArray[Any]:
+def _outline_points(plume: Plume) -> NDArray[Any]:
     """The points of a plume's surface, ring by ring."""
     across = np.linalg.svd(plume.axis[None])[2][1:]
     distances = np.linspace(plume.extent_low, plume.extent_high, UPWARDS)
@@ -236,7 +238,7 @@ def _outline(plume: Plume) -> NDArray[Any]:
     angles = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ across
     places = plume.points_on_axis(distances)[:, None] + radii[:, None, None] * ring
-    points = np.zeros(UPWARDS * AROUND, _POINT)
+    points = np.zeros(UPWARDS * AROUND, _POINT_TYPE)
     points["x"], points["y"], points["z"] = places.reshape(-1, 3).T
     points["probability"], points["plume"] = plume.probability, plume.id
     return points

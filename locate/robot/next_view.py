@@ -40,7 +40,7 @@ class ViewSuggestion:
     displacement_px: float
 
 
-def rank(
+def rank_poses(
     plumes: Sequence[Plume],
     background_in_world: FloatArray,
     camera: Camera,
@@ -55,13 +55,13 @@ def rank(
         poses: (4, 4) world_from_cam each, those that the robot can reach.
     """
     ranked = [
-        _suggestion(index, plumes, background_in_world, camera, np.asarray(pose, dtype=float))
+        _evaluate_pose(index, plumes, background_in_world, camera, np.asarray(pose, dtype=float))
         for index, pose in enumerate(poses)
     ]
     return sorted(ranked, key=lambda suggestion: -suggestion.gain_m)
 
 
-def _suggestion(
+def _evaluate_pose(
     index: int,
     plumes: Sequence[Plume],
     background_in_world: FloatArray,
@@ -69,14 +69,14 @@ def _suggestion(
     world_from_cam: FloatArray,
 ) -> ViewSuggestion:
     cam_from_world = np.asarray(np.linalg.inv(world_from_cam), dtype=float)
-    background = _moved(cam_from_world, background_in_world)
+    background = _transform_points(cam_from_world, background_in_world)
     gains, after, shown = [0.0], [0.0], [0.0]
     for plume in plumes:
         gate = _visible_share(plume, background, camera, cam_from_world)
         displacement_px = gate * plume.displacement_px
         expected = _covariance_after(plume, camera, cam_from_world, displacement_px)
-        gains.append(_radius(plume.source_covariance) - _radius(expected))
-        after.append(_radius(expected))
+        gains.append(_sigma_radius(plume.source_covariance) - _sigma_radius(expected))
+        after.append(_sigma_radius(expected))
         shown.append(displacement_px)
     return ViewSuggestion(
         index=index,
@@ -86,11 +86,11 @@ def _suggestion(
     )
 
 
-def _radius(covariance: FloatArray) -> float:
+def _sigma_radius(covariance: FloatArray) -> float:
     return float(np.sqrt(np.trace(covariance)))
 
 
-def _moved(target_from_source: FloatArray, points: FloatArray) -> FloatArray:
+def _transform_points(target_from_source: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(points @ target_from_source[:3, :3].T + target_from_source[:3, 3])
 
 
@@ -103,7 +103,7 @@ def _covariance_after(
     its sway, and, less surely, where along itself it begins. A plume that shows little against
     the noise counts for little.
     """
-    in_cam = _moved(cam_from_world, plume.source[None])[0]
+    in_cam = _transform_points(cam_from_world, plume.source[None])[0]
     along = cam_from_world[:3, :3] @ plume.axis
     pixel = camera.project(in_cam)
     inside = np.all((pixel >= 0) & (pixel < [camera.width, camera.height]))
@@ -132,20 +132,22 @@ def _visible_share(
 ) -> float:
     """Mean over the axis of the lever gate, 0 where it is outside the frame or covered."""
     distances = np.linspace(max(plume.extent_low, 0), plume.extent_high, SECTIONS)
-    in_cam = _moved(cam_from_world, plume.points_on_axis(distances))
+    in_cam = _transform_points(cam_from_world, plume.points_on_axis(distances))
     pixels = camera.project(in_cam)
     inside = np.all((pixels >= 0) & (pixels < [camera.width, camera.height]), axis=1)
     behind = camera.project(background_in_cam)
     known = np.isfinite(behind).all(axis=1)
     behind, depths = behind[known], background_in_cam[known, 2]
     shares = [
-        _gate(behind, depths, pixel, float(depth), WINDOW_SHARE * camera.width) if ahead else 0.0
+        _point_gate(behind, depths, pixel, float(depth), WINDOW_SHARE * camera.width)
+        if ahead
+        else 0.0
         for pixel, depth, ahead in zip(pixels, in_cam[:, 2], inside, strict=True)
     ]
     return float(np.mean(shares))
 
 
-def _gate(
+def _point_gate(
     pixels: FloatArray, depths: FloatArray, pixel: FloatArray, depth: float, window_px: float
 ) -> float:
     """The lever gate of a point before the scene's points around its pixel.

@@ -86,7 +86,7 @@ class PlumeTracks:
         self._next_id = 1
 
     @property
-    def all(self) -> list[PlumeTrack]:
+    def all_tracks(self) -> list[PlumeTrack]:
         """The tracks, by id."""
         return list(self._tracks.values())
 
@@ -114,25 +114,27 @@ class PlumeTracks:
         )
         touched = []
         for plume in found:
-            number = next((n for n, track in free.items() if same(track.shown, plume, unit)), None)
+            number = next(
+                (n for n, track in free.items() if is_same_plume(track.shown, plume, unit)), None
+            )
             if number is None:
                 number, self._next_id = self._next_id, self._next_id + 1
-                self._tracks[number] = _begun(replace(plume, id=number), span)
+                self._tracks[number] = _begin_track(replace(plume, id=number), span)
             else:
                 del free[number]
-                self._tracks[number] = self._seen(self._tracks[number], plume, span)
+                self._tracks[number] = self._extend_track(self._tracks[number], plume, span)
             touched.append(number)
-        touched += [number for number in free if self._missed(number, looked_at)]
-        updates = [self._update(number, span.stamp_ns) for number in touched]
-        self._forget()
+        touched += [number for number in free if self._count_miss(number, looked_at)]
+        updates = [self._update_of(number, span.stamp_ns) for number in touched]
+        self._drop_surplus()
         return updates
 
-    def settle(self) -> None:
+    def settle_estimates(self) -> None:
         """Ends the window: whatever is found next rests on other views."""
         for number, track in self._tracks.items():
             self._tracks[number] = replace(track, settled=track.shown, until=-1)
 
-    def _seen(self, track: PlumeTrack, plume: Plume, span: ViewSpan) -> PlumeTrack:
+    def _extend_track(self, track: PlumeTrack, plume: Plume, span: ViewSpan) -> PlumeTrack:
         """The track with what the window says now; no view counts twice.
 
         While the window only grows, its estimate replaces the settled one. Once it slides, the
@@ -142,17 +144,17 @@ class PlumeTracks:
         sure = track.state == TrackState.CONFIRMED or plume.probability >= CONFIRMED_PROBABILITY
         state = TrackState.CONFIRMED if sure else TrackState.CANDIDATE
         if track.since < span.first <= track.until:
-            shown = _surer(plume, track.settled)
+            shown = _more_certain(plume, track.settled)
             return replace(track, shown=shown, state=state, misses=0)
         since = span.first
         if span.first > track.until:
-            plume, since = self._joined(track.settled, plume), track.since
+            plume, since = self._combine_plumes(track.settled, plume), track.since
         return PlumeTrack(shown=plume, state=state, settled=plume, since=since, until=span.last)
 
-    def _joined(self, settled: Plume, plume: Plume) -> Plume:
-        if not consistent(settled, plume):
+    def _combine_plumes(self, settled: Plume, plume: Plume) -> Plume:
+        if not are_consistent(settled, plume):
             return plume
-        source, covariance = joined_estimate(
+        source, covariance = combine_estimates(
             (settled.source, settled.source_covariance),
             (plume.source, plume.source_covariance),
             independent=self._independent,
@@ -165,7 +167,7 @@ class PlumeTracks:
             probability=max(settled.probability, plume.probability),
         )
 
-    def _missed(self, number: int, looked_at: Callable[[Plume], bool]) -> bool:
+    def _count_miss(self, number: int, looked_at: Callable[[Plume], bool]) -> bool:
         """Counts a miss; True where it makes the plume lost."""
         track = self._tracks[number]
         if track.state == TrackState.LOST or not looked_at(track.shown):
@@ -176,11 +178,11 @@ class PlumeTracks:
         self._tracks[number] = replace(track, misses=misses, state=state)
         return lost
 
-    def _update(self, number: int, stamp_ns: int) -> PlumeUpdate:
+    def _update_of(self, number: int, stamp_ns: int) -> PlumeUpdate:
         track = self._tracks[number]
         return PlumeUpdate(plume=track.shown, state=track.state, stamp_ns=stamp_ns)
 
-    def _forget(self) -> None:
+    def _drop_surplus(self) -> None:
         """Lets the least certain go, the oldest first, where there are too many."""
         surplus = len(self._tracks) - MOST_TRACKS
         rank = [TrackState.LOST, TrackState.CANDIDATE, TrackState.CONFIRMED].index
@@ -189,7 +191,7 @@ class PlumeTracks:
             del self._tracks[number]
 
 
-def _begun(plume: Plume, span: ViewSpan) -> PlumeTrack:
+def _begin_track(plume: Plume, span: ViewSpan) -> PlumeTrack:
     sure = plume.probability >= CONFIRMED_PROBABILITY
     return PlumeTrack(
         shown=plume,
@@ -200,11 +202,11 @@ def _begun(plume: Plume, span: ViewSpan) -> PlumeTrack:
     )
 
 
-def _surer(a: Plume, b: Plume) -> Plume:
+def _more_certain(a: Plume, b: Plume) -> Plume:
     return a if np.trace(a.source_covariance) <= np.trace(b.source_covariance) else b
 
 
-def as_column(plume: Plume) -> PlumeColumn:
+def plume_column(plume: Plume) -> PlumeColumn:
     """The column of a plume's axis, extent and radii."""
     low, high = plume.extent_low, plume.extent_high
     lowest = plume.source + low * plume.axis
@@ -215,12 +217,12 @@ def as_column(plume: Plume) -> PlumeColumn:
     return PlumeColumn(np.array([*lowest, rise[0], rise[1], height, radii[0], opening]))
 
 
-def same(a: Plume, b: Plume, unit: float) -> bool:
+def is_same_plume(a: Plume, b: Plume, unit: float) -> bool:
     """True where fusion would count the two as one plume."""
-    return len(drop_duplicates(Columns.of([as_column(a), as_column(b)]), unit)) == 1
+    return len(drop_duplicates(Columns.of([plume_column(a), plume_column(b)]), unit)) == 1
 
 
-def consistent(a: Plume, b: Plume) -> bool:
+def are_consistent(a: Plume, b: Plume) -> bool:
     """True where the sources differ by no more than their covariances allow."""
     difference = a.source - b.source
     spread = a.source_covariance + b.source_covariance
@@ -230,7 +232,7 @@ def consistent(a: Plume, b: Plume) -> bool:
 PositionEstimate = tuple[FloatArray, FloatArray]
 
 
-def joined_estimate(
+def combine_estimates(
     a: PositionEstimate, b: PositionEstimate, *, independent: bool
 ) -> PositionEstimate:
     """One position of two, each a (3,) mean and a (3, 3) covariance.
@@ -241,15 +243,17 @@ def joined_estimate(
     """
     information_a, information_b = np.linalg.inv(a[1]), np.linalg.inv(b[1])
 
-    def mixed(weight: float) -> PositionEstimate:
+    def weight_information(weight: float) -> PositionEstimate:
         first, second = (1.0, 1.0) if independent else (weight, 1 - weight)
         covariance = np.linalg.inv(first * information_a + second * information_b)
         mean = covariance @ (first * information_a @ a[0] + second * information_b @ b[0])
         return mean, covariance
 
     if independent:
-        return mixed(1.0)
+        return weight_information(1.0)
     best = minimize_scalar(
-        lambda weight: float(np.trace(mixed(weight)[1])), bounds=(0, 1), method="bounded"
+        lambda weight: float(np.trace(weight_information(weight)[1])),
+        bounds=(0, 1),
+        method="bounded",
     )
-    return mixed(float(best.x))
+    return weight_information(float(best.x))

@@ -11,13 +11,13 @@ TYPES = {
     MARKERS: "visualization_msgs/msg/MarkerArray",
     POINTS: "sensor_msgs/msg/PointCloud2",
 }
-HEALTH_TOPIC, HEALTH_TYPE = "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
+DIAGNOSTICS_TOPIC, DIAGNOSTICS_TYPE = "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
 LEAK_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 SendMessage = Callable[[str, Any, int], object]
 
 
-def type_of(name: str) -> str:
+def topic_type(name: str) -> str:
     """The message type of a topic by its name below the node's: markers, points or leak_N."""
     return TYPES.get(name, LEAK_TYPE)
 
@@ -38,24 +38,26 @@ class PlumePublisher:
         self._messages = messages
         self._send = send
 
-    def tell(self, news: Sequence[PlumeUpdate]) -> None:
+    def publish_updates(self, updates: Sequence[PlumeUpdate]) -> None:
         """Tells what has become known, if anything has: the whole picture, and each leak."""
-        if not news:
+        if not updates:
             return
-        latest = {update.plume.id: update for update in news}
+        latest = {update.plume.id: update for update in updates}
         self.known |= latest
-        self.tell_all(max(update.stamp_ns for update in news))
+        self.publish_all(max(update.stamp_ns for update in updates))
         for number, update in latest.items():
             if update.state == TrackState.CONFIRMED:
-                self._send(f"leak_{number}", self._messages.source(update), update.stamp_ns)
+                self._send(
+                    f"leak_{number}", self._messages.build_leak_pose(update), update.stamp_ns
+                )
 
-    def tell_all(self, stamp_ns: int) -> None:
+    def publish_all(self, stamp_ns: int) -> None:
         """Tells the whole picture again."""
         everything = [self.known[number] for number in sorted(self.known)]
-        self._send(MARKERS, self._messages.markers(everything, stamp_ns), stamp_ns)
-        self._send(POINTS, self._messages.cloud(everything, stamp_ns), stamp_ns)
+        self._send(MARKERS, self._messages.build_markers(everything, stamp_ns), stamp_ns)
+        self._send(POINTS, self._messages.build_point_cloud(everything, stamp_ns), stamp_ns)
 
-    def forget(self, stamp_ns: int) -> None:
+    def clear_plumes(self, stamp_ns: int) -> None:
         """Tells that nothing is known any more."""
         self.known.clear()
-        self.tell_all(stamp_ns)
+        self.publish_all(stamp_ns)

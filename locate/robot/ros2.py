@@ -13,12 +13,12 @@ from locate.robot.message_adapter import MessageAdapter
 from locate.robot.message_builder import MessageBuilder
 from locate.robot.parameters import PARAMETERS, parameter_of
 from locate.robot.publisher import (
-    HEALTH_TOPIC,
-    HEALTH_TYPE,
+    DIAGNOSTICS_TOPIC,
+    DIAGNOSTICS_TYPE,
     MARKERS,
     POINTS,
     PlumePublisher,
-    type_of,
+    topic_type,
 )
 from locate.robot.settings import LocatorSettings
 
@@ -47,103 +47,125 @@ class LocateNode:
 
     def __init__(self, node: Any, *, detector: Detector | None = None) -> None:
         self.node = node
-        self._declare()
+        self._declare_parameters()
         self._wiring = Wiring(**self._fields_of(Wiring))
-        self.feeder = MessageAdapter(
+        self.adapter = MessageAdapter(
             self._wiring,
             settings=LocatorSettings(**self._fields_of(LocatorSettings)),
             detector=detector,
-            on_refusal=self._warn,
+            on_refusal=self._log_warning,
         )
         self._messages = MessageBuilder(
             ros_class, self._wiring.world_frame, octets=bytes, octet=lambda value: bytes([value])
         )
-        self.announcer = PlumePublisher(self._messages, self._send)
+        self.plume_publisher = PlumePublisher(self._messages, self._publish_message)
         self.control = NodeControl(
-            self.feeder,
-            self.announcer,
-            output=Path(str(self._parameter("output"))),
-            running=bool(self._parameter("autostart")),
+            self.adapter,
+            self.plume_publisher,
+            output=Path(str(self._read_parameter("output"))),
+            running=bool(self._read_parameter("autostart")),
         )
         self._publishers: dict[str, Any] = {}
-        self._subscribe()
-        self._advertise()
-        node.create_timer(PUBLISH_S, self._publish_news)
-        node.create_timer(DIAGNOSE_S, self._diagnose)
+        self._subscribe_topics()
+        self._advertise_topics()
+        node.create_timer(PUBLISH_S, self._publish_updates)
+        node.create_timer(DIAGNOSE_S, self._publish_diagnostics)
 
     def close(self) -> None:
         """Ends the detector's thread."""
-        self.feeder.close()
+        self.adapter.close()
 
-    def _declare(self) -> None:
+    def _declare_parameters(self) -> None:
         descriptor = ros_class("rcl_interfaces/msg/ParameterDescriptor")
         for name, (value, text) in PARAMETERS.items():
             self.node.declare_parameter(name, value, descriptor(description=text, read_only=True))
 
-    def _parameter(self, name: str) -> Any:
+    def _read_parameter(self, name: str) -> Any:
         return self.node.get_parameter(name).value
 
     def _fields_of(self, kind: type[Wiring] | type[LocatorSettings]) -> dict[str, Any]:
         """The parameters that set the fields of a dataclass."""
-        return {field.name: self._parameter(parameter_of(field.name)) for field in fields(kind)}
+        return {
+            field.name: self._read_parameter(parameter_of(field.name)) for field in fields(kind)
+        }
 
-    def _warn(self, text: str) -> None:
+    def _log_warning(self, text: str) -> None:
         self.node.get_logger().warning(text, throttle_duration_sec=WARN_EVERY_S)
 
-    def _subscribe(self) -> None:
+    def _subscribe_topics(self) -> None:
         qos = importlib.import_module("rclpy.qos")
         sensor = qos.qos_profile_sensor_data
-        listen = self.node.create_subscription
-        compressed = self._parameter("image_transport") == "compressed"
+        subscribe = self.node.create_subscription
+        compressed = self._read_parameter("image_transport") == "compressed"
         image = ros_class(f"sensor_msgs/msg/{'CompressedImage' if compressed else 'Image'}")
         name = "image/compressed" if compressed else "image"
-        listen(image, name, self.control.while_running(self.feeder.image), sensor)
-        listen(ros_class("sensor_msgs/msg/CameraInfo"), "camera_info", self.feeder.info, sensor)
+        subscribe(image, name, self.control.while_running(self.adapter.add_image), sensor)
+        subscribe(
+            ros_class("sensor_msgs/msg/CameraInfo"),
+            "camera_info",
+            self.adapter.add_camera_info,
+            sensor,
+        )
         tf = ros_class("tf2_msgs/msg/TFMessage")
-        listen(tf, "/tf", self.feeder.transforms, qos.QoSProfile(depth=100))
-        listen(tf, "/tf_static", self.feeder.static_transforms, _latched(qos, depth=100))
+        subscribe(tf, "/tf", self.adapter.add_transforms, qos.QoSProfile(depth=100))
+        subscribe(
+            tf, "/tf_static", self.adapter.add_static_transforms, _latched_qos(qos, depth=100)
+        )
         if self._wiring.pose_source != "tf":
             name, kind = POSE_TOPICS[self._wiring.pose_source]
-            listen(ros_class(kind), name, self.control.while_running(self.feeder.body_pose), sensor)
+            subscribe(
+                ros_class(kind),
+                name,
+                self.control.while_running(self.adapter.add_body_pose),
+                sensor,
+            )
 
-    def _advertise(self) -> None:
+    def _advertise_topics(self) -> None:
         qos = importlib.import_module("rclpy.qos")
-        self._latched = _latched(qos, depth=1)
+        self._latched_profile = _latched_qos(qos, depth=1)
         for name in (MARKERS, POINTS):
-            self._publisher(name)
-        self._diagnostics = self.node.create_publisher(ros_class(HEALTH_TYPE), HEALTH_TOPIC, 10)
+            self._find_publisher(name)
+        self._diagnostics = self.node.create_publisher(
+            ros_class(DIAGNOSTICS_TYPE), DIAGNOSTICS_TOPIC, 10
+        )
         trigger = ros_class("std_srvs/srv/Trigger")
         for name in COMMANDS:
             self.node.create_service(
-                trigger, f"~/{name}", lambda _ask, response, name=name: self._serve(name, response)
+                trigger,
+                f"~/{name}",
+                lambda _ask, response, name=name: self._serve_command(name, response),
             )
 
-    def _publish_news(self) -> None:
-        if self.feeder.locator is not None:
-            self.announcer.tell(self.feeder.locator.updates())
+    def _publish_updates(self) -> None:
+        if self.adapter.locator is not None:
+            self.plume_publisher.publish_updates(self.adapter.locator.updates())
 
-    def _send(self, name: str, message: Any, _stamp_ns: int) -> None:
-        self._publisher(name).publish(message)
+    def _publish_message(self, name: str, message: Any, _stamp_ns: int) -> None:
+        self._find_publisher(name).publish(message)
 
-    def _publisher(self, name: str) -> Any:
+    def _find_publisher(self, name: str) -> Any:
         """The latched publisher of a topic below the node's name."""
         if name not in self._publishers:
-            kind = ros_class(type_of(name))
-            self._publishers[name] = self.node.create_publisher(kind, f"~/{name}", self._latched)
+            kind = ros_class(topic_type(name))
+            self._publishers[name] = self.node.create_publisher(
+                kind, f"~/{name}", self._latched_profile
+            )
         return self._publishers[name]
 
-    def _diagnose(self) -> None:
+    def _publish_diagnostics(self) -> None:
         name, now_ns = f"{self.node.get_name()}: plumes", self.node.get_clock().now().nanoseconds
-        self._diagnostics.publish(self._messages.health(name, self.control.health(), now_ns))
+        self._diagnostics.publish(
+            self._messages.build_diagnostics(name, self.control.report_health(), now_ns)
+        )
 
-    def _serve(self, name: str, response: Any) -> Any:
+    def _serve_command(self, name: str, response: Any) -> Any:
         """Answers a service that bears the name of a command."""
-        answer = self.control.command(name, self.node.get_clock().now().nanoseconds)
+        answer = self.control.run_command(name, self.node.get_clock().now().nanoseconds)
         response.success, response.message = answer.success, answer.message
         return response
 
 
-def _latched(qos: Any, *, depth: int) -> Any:
+def _latched_qos(qos: Any, *, depth: int) -> Any:
     return qos.QoSProfile(
         depth=depth,
         reliability=qos.ReliabilityPolicy.RELIABLE,

@@ -20,13 +20,13 @@ from locate.robot.settings import LocatorSettings
 
 CANDIDATE_FALSE_ALARM = 0.3
 NULL_GROWTH = 2.0
-NOTHING_BY_CHANCE = NullLevel(strongest=np.zeros(0), location=0.0, scale=1.0)
+EMPTY_NULL_LEVEL = NullLevel(strongest=np.zeros(0), location=0.0, scale=1.0)
 
 
 class PlumeSearch(Protocol):
     """Finds the plumes of one window after the other."""
 
-    def search(
+    def search_window(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
     ) -> list[FixedLagSmoother]:
         """The plumes of a window, strongest first, ready to be followed.
@@ -38,7 +38,7 @@ class PlumeSearch(Protocol):
         """
         ...
 
-    def forget(self) -> None:
+    def forget_window(self) -> None:
         """Another window begins: what chance made of the last says nothing of it."""
         ...
 
@@ -62,24 +62,24 @@ class LocalPlumeSearch:
         self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
 
     @with_one_blas_thread
-    def search(
+    def search_window(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
     ) -> list[FixedLagSmoother]:
         """See `PlumeSearch`."""
         most = self._settings.views_kept
         return [
             FixedLagSmoother(plume, views, poses, shared, most=most)
-            for plume in self._plumes(views)
+            for plume in self._find_plumes(views)
         ]
 
-    def forget(self) -> None:
+    def forget_window(self) -> None:
         """See `PlumeSearch`."""
         self._null.clear()
 
     def close(self) -> None:
         """Nothing works for it."""
 
-    def _plumes(self, views: Views) -> tuple[Plume, ...]:
+    def _find_plumes(self, views: Views) -> tuple[Plume, ...]:
         """The plumes of the window, strongest first.
 
         Where the detector's own clutter sets the level, what chance makes is drawn only once
@@ -87,7 +87,7 @@ class LocalPlumeSearch:
         """
         clutter = self._clutter_nats * len(views)
 
-        def fused(null: NullLevel) -> tuple[Plume, ...]:
+        def fuse_above(null: NullLevel) -> tuple[Plume, ...]:
             return fuse(
                 views,
                 seed=self._settings.seed,
@@ -97,8 +97,8 @@ class LocalPlumeSearch:
             ).plumes
 
         if not clutter:
-            return fused(self._null_level(views))
-        found = fused(NOTHING_BY_CHANCE)
+            return fuse_above(self._null_level(views))
+        found = fuse_above(EMPTY_NULL_LEVEL)
         if not found:
             return ()
         null = self._null_level(views)

@@ -81,7 +81,7 @@ class FrameWindow:
         self._waiting.add(key.number)
         return lost
 
-    def take(self, *, newest: bool, ending: bool = False) -> DetectionTask | None:
+    def take_task(self, *, newest: bool, ending: bool = False) -> DetectionTask | None:
         """The next frame to look at, which then counts as looked at; None where none is ready.
 
         Args:
@@ -103,7 +103,7 @@ class FrameWindow:
         return DetectionTask(window=self, key=keys[row], frames=frames, row=row)
 
     @property
-    def waiting(self) -> int:
+    def waiting_count(self) -> int:
         """How many frames have not been looked at."""
         return len(self._waiting)
 
@@ -145,7 +145,7 @@ class EvidenceWindow:
         if len(self._views) > self._most:
             del self._views[min(self._views)]
 
-    def view(self, number: int) -> tuple[StampedPose, Views]:
+    def view_of(self, number: int) -> tuple[StampedPose, Views]:
         """Of one key frame: its pose, and its evidence as one row."""
         return self._views[number]
 
@@ -153,7 +153,7 @@ class EvidenceWindow:
         """Of the views, by ascending number."""
         return [self._views[number][0] for number in self.numbers]
 
-    def views(self) -> Views:
+    def merge_views(self) -> Views:
         """All of them as one, by ascending number."""
         numbers = self.numbers
         parts = [self._views[number][1] for number in numbers]
@@ -164,11 +164,11 @@ class EvidenceWindow:
             inverse_depth=np.concatenate([part.inverse_depth for part in parts]),
             displacement=np.concatenate([part.displacement for part in parts]),
             sigma_px=np.concatenate([part.sigma_px for part in parts]),
-            correlation_px2=_pooled_correlation(parts),
+            correlation_px2=_pool_correlation(parts),
         )
 
 
-def _pooled_correlation(parts: Iterable[Views]) -> float:
+def _pool_correlation(parts: Iterable[Views]) -> float:
     """The views' mean correlation area, weighted by their variance as pooling them would."""
     areas, variances = np.array([(part.correlation_px2, part.llr.var()) for part in parts]).T
     return float(np.average(areas, weights=variances + 1e-12))

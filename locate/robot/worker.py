@@ -27,10 +27,10 @@ from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.robot.search import LocalPlumeSearch
 from locate.robot.settings import LocatorSettings
 
-ASKED, TOLD = True, False
-AVAILABLE = os.name == "posix" and bool(sys.executable)
-LEARNED = "registered"
-PROGRAM = f"from {__name__} import main; main()"
+WITH_REPLY, WITHOUT_REPLY = True, False
+WORKERS_AVAILABLE = os.name == "posix" and bool(sys.executable)
+LEARNED_DETECTOR = "registered"
+PROGRAM = f"from {__name__} import run_worker; run_worker()"
 
 
 class SubprocessWorker:
@@ -38,15 +38,15 @@ class SubprocessWorker:
 
     Args:
         make: Makes the object; importable by its name.
-        given: What `make` is given.
-        named: Likewise, by name.
+        arguments: Of `make`.
+        keywords: Of `make`, by name.
     """
 
-    def __init__(self, make: Callable[..., Any], *given: Any, **named: Any) -> None:
-        self._making = make, given, named
-        self._start()
+    def __init__(self, make: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
+        self._construction = make, arguments, keywords
+        self._start_process()
 
-    def ask(self, method: str, *given: Any) -> Any:
+    def call_method(self, method: str, *arguments: Any) -> Any:
         """What the object's method answers.
 
         Raises:
@@ -54,20 +54,20 @@ class SubprocessWorker:
             RuntimeError: It failed in another way, or its process died; the message says how.
         """
         try:
-            self._pipe.send((ASKED, method, given))
+            self._pipe.send((WITH_REPLY, method, arguments))
             answer = self._pipe.recv()
         except (EOFError, OSError) as error:
             self.close()
-            self._start()
-            raise RuntimeError(f"the process of {self._making[0].__name__} died") from error
+            self._start_process()
+            raise RuntimeError(f"the process of {self._construction[0].__name__} died") from error
         if isinstance(answer, Exception):
             raise answer
         return answer
 
-    def tell(self, method: str, *given: Any) -> None:
+    def send_call(self, method: str, *arguments: Any) -> None:
         """Calls the object's method and does not wait for it; a failure is not heard of."""
         with suppress(OSError):
-            self._pipe.send((TOLD, method, given))
+            self._pipe.send((WITHOUT_REPLY, method, arguments))
 
     def close(self) -> None:
         """Ends the process, whatever it is at."""
@@ -75,7 +75,7 @@ class SubprocessWorker:
         self._process.kill()
         self._process.wait()
 
-    def _start(self) -> None:
+    def _start_process(self) -> None:
         """Starts the process, where the keys that interrupt the robot's program do not reach."""
         self._pipe, theirs = Pipe()
         with theirs:
@@ -85,7 +85,7 @@ class SubprocessWorker:
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
                 process_group=0,
             )
-        self._pipe.send(self._making)
+        self._pipe.send(self._construction)
 
 
 class PlumeSearchWorker:
@@ -99,15 +99,15 @@ class PlumeSearchWorker:
     def __init__(self, detector: str, settings: LocatorSettings) -> None:
         self._search = SubprocessWorker(LocalPlumeSearch, detector, settings)
 
-    def search(
+    def search_window(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
     ) -> list[FixedLagSmoother]:
-        """See `PlumeSearch`; raises as `SubprocessWorker.ask`."""
-        return list(self._search.ask("search", views, poses, shared))
+        """See `PlumeSearch`; raises as `SubprocessWorker.call_method`."""
+        return list(self._search.call_method("search_window", views, poses, shared))
 
-    def forget(self) -> None:
+    def forget_window(self) -> None:
         """See `PlumeSearch`."""
-        self._search.tell("forget")
+        self._search.send_call("forget_window")
 
     def close(self) -> None:
         """See `PlumeSearch`."""
@@ -128,11 +128,11 @@ class DetectorWorker:
 
     def __init__(self, like: Detector, neighbours: int) -> None:
         self.name, self.response = like.name, like.response
-        self._detector = SubprocessWorker(make_detector, LEARNED, neighbours=neighbours)
+        self._detector = SubprocessWorker(make_detector, LEARNED_DETECTOR, neighbours=neighbours)
 
     def detect(self, frames: Frames, index: int) -> Detection:
-        """See `Detector`; raises as `SubprocessWorker.ask`."""
-        found: Detection = self._detector.ask("detect", frames, index)
+        """See `Detector`; raises as `SubprocessWorker.call_method`."""
+        found: Detection = self._detector.call_method("detect", frames, index)
         return found
 
     def close(self) -> None:
@@ -140,22 +140,22 @@ class DetectorWorker:
         self._detector.close()
 
 
-def serve(pipe: Connection) -> None:
+def serve_calls(pipe: Connection) -> None:
     """Makes the object and calls its methods until the other side is gone."""
     with suppress(EOFError, OSError):
-        make, given, named = pipe.recv()
-        thing = make(*given, **named)
+        make, arguments, keywords = pipe.recv()
+        thing = make(*arguments, **keywords)
         while True:
-            asked, method, given = pipe.recv()
-            answer = _answer(getattr(thing, method), given)
-            if asked:
+            reply_wanted, method, arguments = pipe.recv()
+            answer = _call_safely(getattr(thing, method), arguments)
+            if reply_wanted:
                 pipe.send(answer)
 
 
-def _answer(call: Callable[..., Any], given: Sequence[Any]) -> Any:
+def _call_safely(call: Callable[..., Any], arguments: Sequence[Any]) -> Any:
     """What the call returns, or what it raises."""
     try:
-        return call(*given)
+        return call(*arguments)
     except BadInputError as error:
         return error
     except Exception:
@@ -163,8 +163,8 @@ def _answer(call: Callable[..., Any], given: Sequence[Any]) -> Any:
 
 
 @with_one_blas_thread
-def main() -> None:
+def run_worker() -> None:
     """Such a process; its pipe is the file descriptor that it was told."""
     cv2.setNumThreads(1)
     with Connection(int(sys.argv[1])) as pipe:
-        serve(pipe)
+        serve_calls(pipe)

@@ -44,16 +44,18 @@ KINDS = {
 class OverDds:
     """A robot whose own topics are on DDS, too."""
 
-    def __init__(self, wire: DdsTransport) -> None:
-        self._wire = wire
-        self._senders = {topic: wire.advertise(topic, kind) for topic, kind in KINDS.items()}
+    def __init__(self, transport: DdsTransport) -> None:
+        self._transport = transport
+        self._senders = {topic: transport.advertise(topic, kind) for topic, kind in KINDS.items()}
 
     def send(self, topic: str, message: Any) -> None:
         self._senders[topic](message)
 
     def listen(self, topic: str, kind: str) -> list[Any]:
         heard: list[Any] = []
-        self._wire.listen(topic, kind, heard.append, reliable=True, latched=topic in LATCHED_TOPICS)
+        self._transport.subscribe(
+            topic, kind, heard.append, reliable=True, latched=topic in LATCHED_TOPICS
+        )
         return heard
 
     def spin_once(self) -> None:
@@ -66,12 +68,12 @@ class OverDds:
 class OverRclpy:
     """A robot with ROS 2."""
 
-    def __init__(self, wire: DdsTransport) -> None:
+    def __init__(self, transport: DdsTransport) -> None:
         import rclpy
 
         from locate.robot.ros2 import ros_class
 
-        self._rclpy, self._types, self._class = rclpy, wire.types, ros_class
+        self._rclpy, self._types, self._class = rclpy, transport.types, ros_class
         rclpy.init(domain_id=DOMAIN)
         self._node = rclpy.create_node("robot")
         self._publishers = {
@@ -109,32 +111,34 @@ Robot = OverDds | OverRclpy
 
 
 @pytest.fixture(scope="module")
-def wire() -> DdsTransport:
+def transport() -> DdsTransport:
     return DdsTransport(DOMAIN)
 
 
 @pytest.fixture(params=[OverDds, OverRclpy], ids=["cyclonedds", "rclpy"])
-def robot(request: pytest.FixtureRequest, wire: DdsTransport) -> Iterator[Robot]:
+def robot(request: pytest.FixtureRequest, transport: DdsTransport) -> Iterator[Robot]:
     if request.param is OverRclpy and not os.environ.get("ROS_REQUIRED"):
         pytest.importorskip("rclpy", reason="no ROS 2 here; docs/robot.md says how to test it")
-    robot = request.param(wire)
+    robot = request.param(transport)
     yield robot
     robot.close()
 
 
 @pytest.fixture
-def node(wire: DdsTransport, views: Views) -> Iterator[DdsNode]:
+def node(transport: DdsTransport, views: Views) -> Iterator[DdsNode]:
     wiring = Wiring(pose_sigma_m=0.01, pose_sigma_deg=0.1)
-    node = DdsNode(wire, wiring, TopicNames(image=IMAGE), detector=Oracle(views), settings=QUICK)
+    node = DdsNode(
+        transport, wiring, TopicNames(image=IMAGE), detector=Oracle(views), settings=QUICK
+    )
     yield node
     node.close()
 
 
 @pytest.fixture
-def blind_node(wire: DdsTransport, tmp_path: Path) -> Iterator[DdsNode]:
+def blind_node(transport: DdsTransport, tmp_path: Path) -> Iterator[DdsNode]:
     """Its camera and its name are nobody else's."""
     topics = TopicNames(image=IMAGE, camera_info="/nobody/camera_info", out="/quiet")
-    node = DdsNode(wire, Wiring(), topics, output=tmp_path, settings=QUICK)
+    node = DdsNode(transport, Wiring(), topics, output=tmp_path, settings=QUICK)
     yield node
     node.close()
 
@@ -167,18 +171,22 @@ def test_drive_ends_in_latched_markers_and_a_leak(
         robot,
         "/tf_static",
         static,
-        lambda: node.feeder.tree.find("base_link", "camera", 0) is not None,
+        lambda: node.adapter.transform_tree.find("base_link", "camera", 0) is not None,
     )
     info = next(message for topic, _, message in drive if topic == INFO)
-    until_it_comes(node, robot, INFO, info, lambda: node.feeder.locator)
-    locator = node.feeder.locator
+    until_it_comes(node, robot, INFO, info, lambda: node.adapter.locator)
+    locator = node.adapter.locator
     assert locator is not None
     for topic, _, message in drive[1:]:
         before = locator.counts.images
         robot.send(topic, message)
         if topic == IMAGE:
             spin(node, robot, lambda before=before: locator.counts.images > before)
-    spin(node, robot, lambda: any(u.state == "confirmed" for u in node.announcer.known.values()))
+    spin(
+        node,
+        robot,
+        lambda: any(u.state == "confirmed" for u in node.plume_publisher.known.values()),
+    )
 
     late = robot.listen("/locate/markers", "visualization_msgs/msg/MarkerArray")
     leaks = robot.listen("/locate/leak_1", "geometry_msgs/msg/PoseWithCovarianceStamped")
@@ -193,10 +201,10 @@ def test_drive_ends_in_latched_markers_and_a_leak(
 
 
 def test_commands_are_answered_and_diagnostics_told(
-    robot: Robot, blind_node: DdsNode, wire: DdsTransport, views: Views
+    robot: Robot, blind_node: DdsNode, transport: DdsTransport, views: Views
 ) -> None:
     node = blind_node
-    word = wire.types.types["std_msgs/msg/String"]
+    word = transport.types.types["std_msgs/msg/String"]
     answers = robot.listen("/quiet/answer", "std_msgs/msg/String")
     health = robot.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
 
@@ -215,7 +223,11 @@ def test_commands_are_answered_and_diagnostics_told(
     assert told("stop") == "stop: stopped"
     image = MessageRecorder(Stores.ROS2_JAZZY).image(views, 0)
     until_it_comes(
-        node, robot, IMAGE, image, lambda: node.control.health().values["ignored_while_stopped"]
+        node,
+        robot,
+        IMAGE,
+        image,
+        lambda: node.control.report_health().values["ignored_while_stopped"],
     )
     spin(node, robot, lambda: any(array.status[0].message == "stopped" for array in health))
     assert health[-1].status[0].level in (1, b"\x01")
@@ -224,30 +236,30 @@ def test_commands_are_answered_and_diagnostics_told(
 
 
 def test_save_writes_the_map_and_reset_forgets_it(
-    wire: DdsTransport, views: Views, tmp_path: Path
+    transport: DdsTransport, views: Views, tmp_path: Path
 ) -> None:
-    node = DdsNode(wire, Wiring(), TopicNames(), output=tmp_path / "new", settings=QUICK)
-    node.feeder.info(MessageRecorder(Stores.ROS2_JAZZY).info(views, 0))
-    answer = node.control.command("save", 0)
+    node = DdsNode(transport, Wiring(), TopicNames(), output=tmp_path / "new", settings=QUICK)
+    node.adapter.add_camera_info(MessageRecorder(Stores.ROS2_JAZZY).info(views, 0))
+    answer = node.control.run_command("save", 0)
     assert answer.success
     assert PlumeMap.load(Path(answer.message)).plumes == ()
     (tmp_path / "file").touch()
-    blocked = NodeControl(node.feeder, node.announcer, output=tmp_path / "file" / "below")
+    blocked = NodeControl(node.adapter, node.plume_publisher, output=tmp_path / "file" / "below")
     assert not blocked.command("save", 0).success
-    assert node.control.command("reset", 0).message == "forgotten"
+    assert node.control.run_command("reset", 0).message == "forgotten"
     node.close()
 
 
-def test_image_that_cannot_be_read_is_counted(wire: DdsTransport, views: Views) -> None:
-    node = DdsNode(wire, Wiring(), TopicNames(image="/bad/image_raw"), settings=QUICK)
-    send = wire.advertise("/bad/image_raw", KINDS[IMAGE])
+def test_image_that_cannot_be_read_is_counted(transport: DdsTransport, views: Views) -> None:
+    node = DdsNode(transport, Wiring(), TopicNames(image="/bad/image_raw"), settings=QUICK)
+    send = transport.advertise("/bad/image_raw", KINDS[IMAGE])
     message = MessageRecorder(Stores.ROS2_JAZZY).image(views, 0)
     message.encoding = "\udcff\udcff"
     with pytest.raises(UnicodeEncodeError):
         send(message)
     message.encoding = "nonsense"
     end = time.monotonic() + 30
-    while not node.feeder.refused["image"]:
+    while not node.adapter.refusals["image"]:
         assert time.monotonic() < end
         send(message)
         node.spin_once(0.05)
@@ -255,6 +267,6 @@ def test_image_that_cannot_be_read_is_counted(wire: DdsTransport, views: Views) 
 
 
 def test_names_of_topics() -> None:
-    assert TopicNames(image="/a/image_raw/compressed").beside == "/a/camera_info"
-    assert TopicNames(image="/a/image_raw").beside == "/a/camera_info"
-    assert TopicNames(image="/image").beside == "/camera_info"
+    assert TopicNames(image="/a/image_raw/compressed").camera_info_topic == "/a/camera_info"
+    assert TopicNames(image="/a/image_raw").camera_info_topic == "/a/camera_info"
+    assert TopicNames(image="/image").camera_info_topic == "/camera_info"

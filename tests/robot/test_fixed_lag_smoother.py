@@ -57,15 +57,15 @@ def found(views: Views) -> Plume:
 
 def begun(views: Views, plume: Plume, *, most: int = 32) -> FixedLagSmoother:
     poses = [pose(views, i) for i in range(KEPT)]
-    return FixedLagSmoother(plume, first(views, KEPT), poses, SharedError.of([]), most=most)
+    return FixedLagSmoother(plume, first(views, KEPT), poses, SharedError.from_poses([]), most=most)
 
 
 def test_more_views_make_the_axis_surer(views: Views, truth: ColumnTruth, found: Plume) -> None:
-    follower = begun(views, found)
+    smoother = begun(views, found)
     latest = found
     for i in range(KEPT, len(views)):
-        latest = follower.add(i, pose(views, i), row(views, i)) or latest
-    assert follower.span == (0, len(views) - 1)
+        latest = smoother.add_view(i, pose(views, i), row(views, i)) or latest
+    assert smoother.view_range == (0, len(views) - 1)
     assert latest.axis_sigma_rad < found.axis_sigma_rad
     assert set(latest.views) > set(found.views)
     error = latest.source - truth.source
@@ -73,15 +73,15 @@ def test_more_views_make_the_axis_surer(views: Views, truth: ColumnTruth, found:
 
 
 def test_view_that_shows_nothing_changes_nothing(views: Views, found: Plume) -> None:
-    follower = begun(views, found)
+    smoother = begun(views, found)
     silent = replace(row(views, 9), llr=np.full_like(views.llr[[9]], -0.5))
-    assert follower.add(9, pose(views, 9), silent) is None
-    assert follower.span == (0, KEPT - 1)
+    assert smoother.add_view(9, pose(views, 9), silent) is None
+    assert smoother.view_range == (0, KEPT - 1)
 
 
 def test_number_of_views_is_bounded(views: Views, found: Plume) -> None:
-    follower = begun(views, found, most=KEPT)
+    smoother = begun(views, found, most=KEPT)
     for i in range(KEPT, len(views)):
-        follower.add(i, pose(views, i), row(views, i))
-    assert len(follower._glimpses) == KEPT
-    assert follower.span[0] > 0
+        smoother.add_view(i, pose(views, i), row(views, i))
+    assert len(smoother._measurements) == KEPT
+    assert smoother.view_range[0] > 0

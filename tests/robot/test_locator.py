@@ -30,12 +30,12 @@ def inline(views: Views, settings: LocatorSettings = QUICK) -> Locator:
 
 
 def drive(locator: Locator, views: Views) -> list[PlumeUpdate]:
-    news = []
+    updates = []
     for moment in moments(views):
-        news += locator.feed(
+        updates += locator.feed(
             moment.image, moment.world_from_cam, moment.covariance, moment.stamp_ns
         )
-    return news + locator.finish()
+    return updates + locator.finish()
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +47,10 @@ def driven(views: Views) -> tuple[Locator, list[PlumeUpdate]]:
 def test_plume_is_confirmed_before_the_drive_ends(
     driven: tuple[Locator, list[PlumeUpdate]], truth: ColumnTruth
 ) -> None:
-    locator, news = driven
-    first = next(update for update in news if update.state is TrackState.CONFIRMED)
+    locator, updates = driven
+    first = next(update for update in updates if update.state is TrackState.CONFIRMED)
     assert first.stamp_ns < 100 * NS_PER_S + 11 * NS_PER_S // 5
-    assert {update.plume.id for update in news if update.state is TrackState.CONFIRMED} == {1}
+    assert {update.plume.id for update in updates if update.state is TrackState.CONFIRMED} == {1}
     (plume,) = locator.plume_map().plumes
     error = plume.source - truth.source
     assert error @ np.linalg.solve(plume.source_covariance, error) < 16
@@ -115,8 +115,8 @@ def test_pose_stream_that_stops_costs_images_and_nothing_else(views: Views) -> N
 def test_no_plume_is_reported_where_there_is_none(views: Views) -> None:
     blind = replace(views, llr=np.where(views.llr > 0, np.float32(-0.5), views.llr))
     locator = inline(blind)
-    news = drive(locator, blind)
-    assert all(update.state is not TrackState.CONFIRMED for update in news)
+    updates = drive(locator, blind)
+    assert all(update.state is not TrackState.CONFIRMED for update in updates)
     assert locator.plume_map().plumes == ()
 
 
@@ -152,8 +152,8 @@ def test_plume_that_stops_is_lost(views: Views) -> None:
     oracle.views = replace(views, llr=silent)
     for turn in range(1, 4):
         for moment in moments(views, start_ns=(100 + 5 * turn) * NS_PER_S):
-            news = locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
-            states += [update.state for update in news if update.plume.id == 1]
+            updates = locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
+            states += [update.state for update in updates if update.plume.id == 1]
     assert states[-1] is TrackState.LOST
     assert states.count(TrackState.LOST) == 1
     assert locator.plume_map().plumes == ()
@@ -175,7 +175,7 @@ def test_jump_of_the_world_begins_a_new_window(views: Views) -> None:
         pose[0, 3] += 50.0 * (i >= 6)
         locator.feed(BLANK, pose, None, moment.stamp_ns)
     assert locator.counts.jumps == 1
-    assert len(locator._intake.frames) == 6
+    assert len(locator._selector.window) == 6
 
 
 def test_frame_of_a_window_that_has_ended_is_not_kept(views: Views) -> None:
@@ -192,12 +192,12 @@ def test_frame_of_a_window_that_has_ended_is_not_kept(views: Views) -> None:
         window = FrameWindow(camera, first=first, most=6, lag=0)
         for number in range(first, first + 6):
             window.add(WindowFrame(number=number, image=BLANK, pose=stamped[number]))
-        tasks += [window.take(newest=False), window.take(newest=False)]
+        tasks += [window.take_task(newest=False), window.take_task(newest=False)]
     detector = Oracle(views)
     for turn in (0, 2, 1, 3):
         task = tasks[turn]
         assert task is not None
-        engine.look(task, detector)
+        engine.process_frame(task, detector)
     assert engine._evidence.numbers == [6, 7]
 
 
@@ -308,6 +308,6 @@ def test_memory_is_bounded(views: Views) -> None:
         for moment in moments(views, start_ns=(100 + 5 * turn) * NS_PER_S):
             locator.feed(BLANK, moment.world_from_cam, None, moment.stamp_ns)
     assert locator.counts.looked_at > 90
-    assert len(locator._intake.frames) == 5
+    assert len(locator._selector.window) == 5
     assert len(locator._engine._evidence) == 6
-    assert len(locator._intake._poses) < 160
+    assert len(locator._selector._poses) < 160

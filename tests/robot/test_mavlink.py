@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from geometry.errors import BadInputError
 from geometry.georeference.geodesy import Georeference, HeightDatum
 from locate.robot import PlumeUpdate, TrackState
-from locate.robot.autopilot import Autopilot, camera_pose
-from locate.robot.mavlink import landing_target, plan, region_of_interest, status_text
+from locate.robot.autopilot import Autopilot, pose_from_odometry
+from locate.robot.mavlink import landing_target, mission_plan, region_of_interest, status_text
 from tests.robot.test_next_view import plume
 
 ORIGIN = Georeference(lat_deg=47.4, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
@@ -46,7 +46,7 @@ def odometry(**changes: Any) -> Any:
 
 
 def test_level_flight_to_the_north() -> None:
-    pose = camera_pose(odometry())
+    pose = pose_from_odometry(odometry())
     assert pose.stamp_ns == 5_000_001_000
     np.testing.assert_allclose(pose.center_in_world, [20, 10, 30])
     right, down, ahead = pose.world_from_cam[:3, :3].T
@@ -61,16 +61,16 @@ def test_level_flight_to_the_north() -> None:
 
 def test_yaw_to_the_east_and_nose_down() -> None:
     x, y, z, w = Rotation.from_euler("ZYX", [90, -30, 0], degrees=True).as_quat()
-    ahead = camera_pose(odometry(q=[w, x, y, z])).world_from_cam[:3, 2]
+    ahead = pose_from_odometry(odometry(q=[w, x, y, z])).world_from_cam[:3, 2]
     np.testing.assert_allclose(ahead, [np.cos(np.pi / 6), 0, -0.5], atol=1e-6)
 
 
 def test_unknown_covariance_and_frames() -> None:
-    unknown = camera_pose(odometry(pose_covariance=[float("nan")] + [0.0] * 20))
+    unknown = pose_from_odometry(odometry(pose_covariance=[float("nan")] + [0.0] * 20))
     assert np.isnan(unknown.covariance).all()
     for wrong in ({"frame_id": 0}, {"child_frame_id": 1}, {"q": [0.0] * 4}, {"x": float("nan")}):
         with pytest.raises(BadInputError):
-            camera_pose(odometry(**wrong))
+            pose_from_odometry(odometry(**wrong))
 
 
 def attitude(time_ms: int) -> Any:
@@ -86,18 +86,18 @@ def position(time_ms: int, where: list[float]) -> Any:
 
 def test_global_position_and_attitude_make_a_pose() -> None:
     autopilot = Autopilot(ORIGIN, sigma_m=1.5, boot_ns=7)
-    assert autopilot.take(position(1000, [20.0, 10.0, 30.0])) is None
-    assert autopilot.take(attitude(1000)) is None
-    pose = autopilot.take(position(1050, [20.0, 10.0, 30.0]))
+    assert autopilot.pose_from_message(position(1000, [20.0, 10.0, 30.0])) is None
+    assert autopilot.pose_from_message(attitude(1000)) is None
+    pose = autopilot.pose_from_message(position(1050, [20.0, 10.0, 30.0]))
     assert pose is not None
     assert pose.stamp_ns == 1_050_000_007
     np.testing.assert_allclose(pose.center_in_world, [20, 10, 30], atol=0.02)
     np.testing.assert_allclose(pose.world_from_cam[:3, 2], [1, 0, 0], atol=1e-6)
     np.testing.assert_allclose(np.diag(pose.covariance)[3:], 1.5**2)
-    assert autopilot.take(position(1200, [20.0, 10.0, 30.0])) is None
+    assert autopilot.pose_from_message(position(1200, [20.0, 10.0, 30.0])) is None
     above_start = Autopilot(replace(ORIGIN, height_m=0.0, datum=HeightDatum.TAKEOFF))
-    above_start.take(attitude(0))
-    low = above_start.take(position(0, [20.0, 10.0, 470.0]))
+    above_start.pose_from_message(attitude(0))
+    low = above_start.pose_from_message(position(0, [20.0, 10.0, 470.0]))
     assert low is not None
     assert low.center_in_world[2] == pytest.approx(30.0, abs=0.01)
 
@@ -110,8 +110,8 @@ def test_quaternion_says_the_same_as_angles() -> None:
         mavlink.MAVLink_attitude_quaternion_message(5, w, x, y, z, 0.0, 0.0, 0.0),
     ):
         autopilot = Autopilot(ORIGIN)
-        autopilot.take(message)
-        poses.append(autopilot.take(position(5, [0.0, 0.0, 0.0])))
+        autopilot.pose_from_message(message)
+        poses.append(autopilot.pose_from_message(position(5, [0.0, 0.0, 0.0])))
     assert poses[0] is not None
     assert poses[1] is not None
     np.testing.assert_allclose(poses[0].world_from_cam, poses[1].world_from_cam, atol=1e-6)
@@ -128,7 +128,7 @@ def test_odometry_comes_over_a_link_and_feeds_the_autopilot() -> None:
         for i in range(20):
             flight.mav.send(odometry(time_usec=i, x=float(i)))
             message = robot.recv_match(type="ODOMETRY", blocking=True, timeout=10)
-            poses.append(autopilot.take(message))
+            poses.append(autopilot.pose_from_message(message))
         assert [round(float(pose.center_in_world[1])) for pose in poses if pose] == [*range(20)]
     finally:
         robot.close()
@@ -176,7 +176,7 @@ def test_landing_target_is_the_source_in_the_autopilots_local_frame() -> None:
 
 
 def test_plan_looks_at_each_leak_and_circles_above() -> None:
-    content = json.loads(json.dumps(plan([LEAK, LEAK], ORIGIN)))
+    content = json.loads(json.dumps(mission_plan([LEAK, LEAK], ORIGIN)))
     items = content["mission"]["items"]
     assert [item["command"] for item in items] == [195, 17, 195, 17]
     assert [item["doJumpId"] for item in items] == [1, 2, 3, 4]

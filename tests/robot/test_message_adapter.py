@@ -51,24 +51,24 @@ def odometry(pose: np.ndarray, stamp_ns: int, covariance: np.ndarray) -> Any:
     )
 
 
-def feeder(**wiring: Any) -> MessageAdapter:
+def make_adapter(**wiring: Any) -> MessageAdapter:
     made = MessageAdapter(Wiring(**wiring), settings=SETTINGS, threaded=False)
-    made.info(camera_info(**SMALL))
-    made.static_transforms(transforms("camera", "base", MOUNT))
+    made.add_camera_info(camera_info(**SMALL))
+    made.add_static_transforms(transforms("camera", "base", MOUNT))
     return made
 
 
 def key_poses(made: MessageAdapter) -> list[Any]:
     assert made.locator is not None
-    return [key.pose for key in made.locator._intake.frames._keys]
+    return [key.pose for key in made.locator._selector.window._keys]
 
 
 def test_tf_gives_the_pose_of_each_image() -> None:
-    made = feeder(pose_sigma_m=0.02, pose_sigma_deg=0.5)
-    made.image(picture(NS_PER_S + NS_PER_S // 10))
+    made = make_adapter(pose_sigma_m=0.02, pose_sigma_deg=0.5)
+    made.add_image(picture(NS_PER_S + NS_PER_S // 10))
     assert key_poses(made) == []
-    made.transforms(transforms("base", "map", body(1.0), NS_PER_S))
-    made.transforms(transforms("base", "map", body(2.0), NS_PER_S + NS_PER_S // 5))
+    made.add_transforms(transforms("base", "map", body(1.0), NS_PER_S))
+    made.add_transforms(transforms("base", "map", body(2.0), NS_PER_S + NS_PER_S // 5))
     (pose,) = key_poses(made)
     np.testing.assert_allclose(pose.world_from_cam, body(1.5) @ MOUNT, atol=1e-12)
     assert np.sqrt(pose.covariance[3, 3]) == pytest.approx(0.02)
@@ -76,10 +76,10 @@ def test_tf_gives_the_pose_of_each_image() -> None:
 
 
 def test_odometry_brings_its_covariance_to_the_camera() -> None:
-    made = feeder(pose_source="odometry")
+    made = make_adapter(pose_source="odometry")
     given = ros_covariance(body(1.0), np.diag([0, 0, 1e-4, 1e-4, 1e-4, 1e-4]))
-    made.image(picture(NS_PER_S))
-    made.body_pose(odometry(body(1.0), NS_PER_S, given))
+    made.add_image(picture(NS_PER_S))
+    made.add_body_pose(odometry(body(1.0), NS_PER_S, given))
     (pose,) = key_poses(made)
     np.testing.assert_allclose(pose.world_from_cam, body(1.0) @ MOUNT, atol=1e-12)
     moved = MOUNT[:3, :3] @ pose.covariance[3:, 3:] @ MOUNT[:3, :3].T
@@ -88,12 +88,12 @@ def test_odometry_brings_its_covariance_to_the_camera() -> None:
 
 
 def test_pose_of_the_camera_itself_needs_no_tf() -> None:
-    made = feeder(pose_source="pose")
+    made = make_adapter(pose_source="pose")
     message = odometry(body(1.0), NS_PER_S, np.zeros(36))
     del message.child_frame_id
     message.pose = message.pose.pose
-    made.image(picture(NS_PER_S))
-    made.body_pose(message)
+    made.add_image(picture(NS_PER_S))
+    made.add_body_pose(message)
     (pose,) = key_poses(made)
     np.testing.assert_allclose(pose.world_from_cam, body(1.0), atol=1e-12)
     assert np.isnan(pose.covariance).all()
@@ -101,21 +101,21 @@ def test_pose_of_the_camera_itself_needs_no_tf() -> None:
 
 def test_troubles_are_named() -> None:
     made = MessageAdapter(Wiring(pose_source="odometry"), settings=SETTINGS, threaded=False)
-    assert made.trouble() == "no camera_info yet"
-    made.image(picture(NS_PER_S))
-    assert "camera_info" in made.trouble()
-    made.info(camera_info(**{**SMALL, "k": [0.0] * 9}))
-    assert "calibrate" in made.trouble()
-    made.info(camera_info(**SMALL))
-    made.image(image(GREY[:5], "mono8"))
-    assert "(24, 32)" in made.trouble()
-    made.image(picture(NS_PER_S))
-    made.body_pose(odometry(body(1.0), NS_PER_S, np.zeros(36)))
-    assert "TF does not say where 'camera' is in 'base'" in made.trouble()
-    made.static_transforms(transforms("camera", "base", MOUNT))
-    made.body_pose(odometry(body(1.0), NS_PER_S, np.zeros(36)))
-    assert made.trouble() == ""
-    assert made.refused == {"image": 2, "camera_info": 1, "pose": 1}
+    assert made.find_problem() == "no camera_info yet"
+    made.add_image(picture(NS_PER_S))
+    assert "camera_info" in made.find_problem()
+    made.add_camera_info(camera_info(**{**SMALL, "k": [0.0] * 9}))
+    assert "calibrate" in made.find_problem()
+    made.add_camera_info(camera_info(**SMALL))
+    made.add_image(image(GREY[:5], "mono8"))
+    assert "(24, 32)" in made.find_problem()
+    made.add_image(picture(NS_PER_S))
+    made.add_body_pose(odometry(body(1.0), NS_PER_S, np.zeros(36)))
+    assert "TF does not say where 'camera' is in 'base'" in made.find_problem()
+    made.add_static_transforms(transforms("camera", "base", MOUNT))
+    made.add_body_pose(odometry(body(1.0), NS_PER_S, np.zeros(36)))
+    assert made.find_problem() == ""
+    assert made.refusals == {"image": 2, "camera_info": 1, "pose": 1}
 
 
 def test_unknown_pose_source_is_refused() -> None:

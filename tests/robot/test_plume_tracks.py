@@ -13,8 +13,8 @@ from locate.robot.plume_tracks import (
     PlumeUpdate,
     TrackState,
     ViewSpan,
-    as_column,
-    joined_estimate,
+    combine_estimates,
+    plume_column,
 )
 from tests.robot.test_next_view import plume
 
@@ -107,23 +107,23 @@ def test_number_of_tracks_is_bounded() -> None:
     decide(tracks, [at(0.0)], span(0, 3))
     for i in range(MOST_TRACKS + 20):
         decide(tracks, [at(10.0 * (i + 1), probability=0.8)], span(0, 3), looked_at=False)
-    assert len(tracks.all) == MOST_TRACKS
-    assert tracks.all[0].state is TrackState.CONFIRMED
+    assert len(tracks.all_tracks) == MOST_TRACKS
+    assert tracks.all_tracks[0].state is TrackState.CONFIRMED
 
 
 def test_joined_estimates() -> None:
     a = np.zeros(3), np.diag([1.0, 4.0, 1.0])
     b = np.ones(3), np.diag([4.0, 1.0, 1.0])
-    mean, covariance = joined_estimate(a, b, independent=True)
+    mean, covariance = combine_estimates(a, b, independent=True)
     np.testing.assert_allclose(np.diag(covariance), [0.8, 0.8, 0.5])
     np.testing.assert_allclose(mean, [0.2, 0.8, 0.5])
-    _, careful = joined_estimate(a, b, independent=False)
+    _, careful = combine_estimates(a, b, independent=False)
     assert np.linalg.eigvalsh(careful - covariance).min() > 0
     assert np.trace(careful) <= min(np.trace(a[1]), np.trace(b[1])) + 1e-6
 
 
 def test_plume_goes_back_to_its_column() -> None:
-    column = as_column(replace(plume(), axis=np.array([0.6, 0.0, 0.8]), extent_low=0.5))
+    column = plume_column(replace(plume(), axis=np.array([0.6, 0.0, 0.8]), extent_low=0.5))
     np.testing.assert_allclose(column.lowest_point, [0.3, 0.0, 0.4])
     np.testing.assert_allclose(column.slope, [0.75, 0.0])
     assert column.height == pytest.approx(1.5 * 0.8)
@@ -142,7 +142,7 @@ def test_shared_error_moves_points_as_a_wrong_world_would() -> None:
     local = nominal.transformTo(point)
     draws = np.random.default_rng(0).multivariate_normal(np.zeros(6), covariance, 20_000)
     moved = np.array([nominal.retract(draw).transformFrom(local) for draw in draws])
-    found = SharedError.of([pose(1.0, covariance)]).at_point(point)
+    found = SharedError.from_poses([pose(1.0, covariance)]).covariance_at(point)
     np.testing.assert_allclose(
         found, (1 - LEAST_OWN_SHARE) * np.cov(moved.T), atol=0.05 * np.abs(found).max()
     )
@@ -151,16 +151,16 @@ def test_shared_error_moves_points_as_a_wrong_world_would() -> None:
 def test_what_is_shared_is_taken_out_of_each_pose() -> None:
     start, step = np.diag([1e-6] * 3 + [0.01] * 3), np.diag([1e-8] * 3 + [0.002] * 3)
     poses = [pose(0.0, start), pose(0.0, start + step)]
-    own = SharedError.of(poses).taken_out(poses)
+    own = SharedError.from_poses(poses).remove_from(poses)
     np.testing.assert_allclose(own[0].covariance, LEAST_OWN_SHARE * start, rtol=1e-6)
     np.testing.assert_allclose(np.diag(own[1].covariance)[3:], 0.002, rtol=1e-6)
 
 
 def test_unknown_covariances_share_nothing() -> None:
     unknown = pose(0.0, np.full((6, 6), np.nan))
-    shared = SharedError.of([unknown])
-    assert np.isnan(shared.taken_out([unknown])[0].covariance).all()
-    assert (shared.at_point(np.ones(3)) == 0).all()
+    shared = SharedError.from_poses([unknown])
+    assert np.isnan(shared.remove_from([unknown])[0].covariance).all()
+    assert (shared.covariance_at(np.ones(3)) == 0).all()
 
 
 def test_buffer_forgets_and_never_extrapolates() -> None:

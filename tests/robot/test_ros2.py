@@ -73,7 +73,9 @@ class Robot:
         self.odometry = publish(ros_class("nav_msgs/msg/Odometry"), "odometry", 10)
         self.send_transform(self.tf_static, "camera", "base_link", MOUNT, 0)
         self.spin(lambda: self.image.get_subscription_count() > 0)
-        self.spin(lambda: self.locate.feeder.tree.find("base_link", "camera", 0) is not None)
+        self.spin(
+            lambda: self.locate.adapter.transform_tree.find("base_link", "camera", 0) is not None
+        )
 
     def close(self) -> None:
         self.locate.close()
@@ -103,9 +105,9 @@ class Robot:
             "distortion_model": "plumb_bob",
         }
         message = ros_class("sensor_msgs/msg/CameraInfo")(**{**fields, **changes})
-        before = self.locate.feeder.camera
+        before = self.locate.adapter.camera
         self.info.publish(message)
-        self.spin(lambda: self.locate.feeder.camera not in (None, before))
+        self.spin(lambda: self.locate.adapter.camera not in (None, before))
 
     def image_message(self, stamp_ns: int, **changes: Any) -> Any:
         camera = self.views.trajectory.camera
@@ -152,21 +154,23 @@ class Robot:
             self.image.publish(self.image_message(moment.stamp_ns))
             self.send_transform(self.tf, "base_link", "map", body, moment.stamp_ns)
             self.spin(lambda fed=fed: self.counts.images > fed)
-        self.spin(lambda: not self.locator._intake._images)
+        self.spin(lambda: not self.locator._selector._images)
         self.spin(
             lambda: (
-                self.locator._intake.frames.waiting <= 1
-                and not (self.locator._looking or self.locator._deciding)
+                self.locator._selector.window.waiting_count <= 1
+                and not (self.locator._detecting or self.locator._deciding)
             )
         )
 
     @property
     def working(self) -> bool:
-        return bool(self.locator._looking or self.locator._deciding or self.locator._engine.due)
+        return bool(
+            self.locator._detecting or self.locator._deciding or self.locator._engine.decision_due
+        )
 
     @property
     def locator(self) -> Any:
-        return self.locate.feeder.locator
+        return self.locate.adapter.locator
 
     @property
     def counts(self) -> Any:
@@ -200,7 +204,9 @@ def test_drive_ends_in_latched_markers_and_a_leak(
     diagnostics = robot.listen("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics", 10)
     robot.send_info()
     robot.drive()
-    robot.spin(lambda: any(u.state == "confirmed" for u in robot.locate.announcer.known.values()))
+    robot.spin(
+        lambda: any(u.state == "confirmed" for u in robot.locate.plume_publisher.known.values())
+    )
 
     late = robot.listen("visualization_msgs/msg/MarkerArray", "/locate/markers")
     robot.spin(lambda: late)
@@ -248,8 +254,8 @@ def test_odometry_and_the_mounting_give_the_cameras_pose(views: Views) -> None:
         robot.image.publish(robot.image_message(every[0].stamp_ns))
         robot.spin(lambda: robot.counts.images == 1)
         robot.send_odometry(every[0])
-        robot.spin(lambda: len(robot.locator._intake.frames) == 1)
-        pose = robot.locator._intake.frames._keys[0].pose
+        robot.spin(lambda: len(robot.locator._selector.window) == 1)
+        pose = robot.locator._selector.window._keys[0].pose
         np.testing.assert_allclose(pose.world_from_cam, every[0].world_from_cam, atol=1e-9)
         sigmas = np.sqrt(np.diag(pose.covariance))
         np.testing.assert_allclose(sigmas[:3], 1e-3, rtol=1e-6)
@@ -268,7 +274,7 @@ def test_padding_and_byte_order_survive_the_transport(robot: Robot) -> None:
     )
     robot.image.publish(message)
     robot.spin(lambda: robot.counts.images == 1)
-    np.testing.assert_array_equal(robot.locator._intake._images[NS_PER_S], samples >> 8)
+    np.testing.assert_array_equal(robot.locator._selector._images[NS_PER_S], samples >> 8)
 
 
 def test_thousand_malformed_images_are_counted_and_survived(robot: Robot) -> None:
@@ -284,10 +290,10 @@ def test_thousand_malformed_images_are_counted_and_survived(robot: Robot) -> Non
             {"width": 100, "step": 320},
         ]
         fault = faults[i % len(faults)]
-        refused = robot.locate.feeder.refused["image"]
+        refused = robot.locate.adapter.refusals["image"]
         robot.image.publish(robot.image_message(i, **fault))
-        robot.spin(lambda refused=refused: robot.locate.feeder.refused["image"] > refused)
-    assert robot.locate.feeder.refused["image"] == 1000
+        robot.spin(lambda refused=refused: robot.locate.adapter.refusals["image"] > refused)
+    assert robot.locate.adapter.refusals["image"] == 1000
     robot.drive()
     assert robot.counts.looked_at >= 11
 
@@ -299,7 +305,7 @@ def test_pose_stream_that_stops_and_camera_that_changes(robot: Robot) -> None:
         robot.image.publish(robot.image_message(NS_PER_S + i * NS_PER_S // 30))
         robot.spin(lambda fed=fed: robot.counts.images > fed)
     assert robot.counts.unposed >= 58
-    assert len(robot.locator._intake._images) <= 60
+    assert len(robot.locator._selector._images) <= 60
     robot.drive()
     looked_at = robot.counts.looked_at
     matrix = robot.views.trajectory.camera.matrix.copy()
@@ -315,7 +321,7 @@ def test_stop_and_start(robot: Robot) -> None:
     assert robot.call("stop").success
     for i in range(5):
         robot.image.publish(robot.image_message(NS_PER_S + i))
-    robot.spin(lambda: robot.locate.control.health().values["ignored_while_stopped"] == 5)
+    robot.spin(lambda: robot.locate.control.report_health().values["ignored_while_stopped"] == 5)
     assert robot.call("start").success
     assert robot.counts.images == 0
     robot.image.publish(robot.image_message(2 * NS_PER_S))

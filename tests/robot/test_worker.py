@@ -18,7 +18,7 @@ from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import BLANK, Oracle, moments
 
 QUICK = LocatorSettings(lag=2, views_kept=16, null_draws=2, drift=False)
-NOTHING_SHARED = SharedError.of([])
+NOTHING_SHARED = SharedError.from_poses([])
 
 
 @pytest.fixture
@@ -46,21 +46,21 @@ def poses(views: Views) -> list[StampedPose]:
 def test_another_process_finds_what_this_one_finds(
     process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
 ) -> None:
-    (here,) = LocalPlumeSearch("oracle", QUICK).search(views, poses, NOTHING_SHARED)
-    process.forget()
-    (there,) = process.search(views, poses, NOTHING_SHARED)
+    (here,) = LocalPlumeSearch("oracle", QUICK).search_window(views, poses, NOTHING_SHARED)
+    process.forget_window()
+    (there,) = process.search_window(views, poses, NOTHING_SHARED)
     np.testing.assert_array_equal(there.plume.source, here.plume.source)
     np.testing.assert_array_equal(there.plume.source_covariance, here.plume.source_covariance)
     assert there.plume.probability == here.plume.probability
-    assert there.span == here.span == (0, 11)
+    assert there.view_range == here.view_range == (0, 11)
 
 
 def test_search_that_fails_says_how_and_goes_on(
     process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
 ) -> None:
-    with pytest.raises(RuntimeError, match=r"AttributeError.*no attribute 'taken_out'"):
-        process.search(views, poses, None)  # type: ignore[arg-type]
-    assert len(process.search(views, poses, NOTHING_SHARED)) == 1
+    with pytest.raises(RuntimeError, match=r"AttributeError.*no attribute 'remove_from'"):
+        process.search_window(views, poses, None)  # type: ignore[arg-type]
+    assert len(process.search_window(views, poses, NOTHING_SHARED)) == 1
 
 
 def test_process_that_died_is_begun_anew(
@@ -69,8 +69,8 @@ def test_process_that_died_is_begun_anew(
     process._search._process.send_signal(signal.SIGKILL)
     process._search._process.wait()
     with pytest.raises(RuntimeError, match="died"):
-        process.search(views, poses, NOTHING_SHARED)
-    assert len(process.search(views, poses, NOTHING_SHARED)) == 1
+        process.search_window(views, poses, NOTHING_SHARED)
+    assert len(process.search_window(views, poses, NOTHING_SHARED)) == 1
 
 
 def test_detector_apart_sees_what_one_here_sees(views: Views) -> None:
@@ -106,7 +106,10 @@ def test_several_look_at_once_and_none_is_left(views: Views) -> None:
         assert locator.counts.failures == 0
         assert locator.counts.looked_at == locator.counts.key_frames == 12
         assert len(locator._engine._evidence) == 12
-        processes = [locator._helpers[0]._detector._process, locator._searcher._search._process]
+        processes = [
+            locator._detector_workers[0]._detector._process,
+            locator._searcher._search._process,
+        ]
     assert all(process.poll() is not None for process in processes)
 
 
@@ -116,15 +119,15 @@ def test_process_ends_when_nobody_is_left_to_ask(process: PlumeSearchWorker) -> 
 
 
 def test_plume_is_confirmed_by_threads_and_a_process(views: Views, truth: ColumnTruth) -> None:
-    news = []
+    updates = []
     with Locator(views.trajectory.camera, settings=QUICK, detector=Oracle(views)) as locator:
         for moment in moments(views):
-            news += locator.feed(
+            updates += locator.feed(
                 moment.image, moment.world_from_cam, moment.covariance, moment.stamp_ns
             )
-        news += locator.finish(timeout_s=60)
+        updates += locator.finish(timeout_s=60)
         assert locator.counts.failures == 0
         (plume,) = locator.plume_map().plumes
-    assert news[-1].state is TrackState.CONFIRMED
+    assert updates[-1].state is TrackState.CONFIRMED
     error = plume.source - truth.source
     assert error @ np.linalg.solve(plume.source_covariance, error) < 16
