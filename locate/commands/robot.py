@@ -27,7 +27,7 @@ DetectorWorkers = Annotated[
     int | None,
     typer.Option(
         "--lookers",
-        help="Key frames detected in at the same time, each by its own processor; else 1.",
+        help="Key frames processed at the same time, each by its own processor; else 1.",
     ),
 ]
 Rectified = Annotated[bool, typer.Option("--rectified", help="The images are rectified already.")]

@@ -1,4 +1,4 @@
-"""MAVLink: where the camera was, by what an autopilot sends."""
+"""MAVLink: where the camera was, by the messages of an autopilot."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,9 @@ from locate.messages.transforms import camera_covariance, tangent_covariance
 
 NS_PER_MS, NS_PER_US = 1_000_000, 1000
 OLDEST_ATTITUDE_MS = 100
+"""Largest difference of time between an attitude and a position that make a pose (chosen)."""
 POSITION_SIGMA_M, ATTITUDE_SIGMA_RAD = 2.0, np.deg2rad(1.0)
+"""Of GNSS without corrections and of a small autopilot (chosen)."""
 WORLD_FROM_FRAME = {
     mavlink.MAV_FRAME_LOCAL_NED: np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]),
     mavlink.MAV_FRAME_LOCAL_FRD: np.diag([1.0, -1, -1]),
@@ -76,7 +78,7 @@ class Autopilot:
 
     ODOMETRY holds a whole pose. GLOBAL_POSITION_INT holds the place alone, so the latest
     ATTITUDE or ATTITUDE_QUATERNION gives the rotation; it knows no covariance, and its errors are
-    those of GNSS: enough to say where a leak is on the Earth, hardly enough to see one.
+    those of GNSS: enough to place a leak on the Earth, hardly enough to detect one.
 
     Args:
         origin: Of the east-north-up world that GLOBAL_POSITION_INT is put into.
@@ -109,7 +111,7 @@ class Autopilot:
         self._attitude: tuple[int, Rotation] | None = None
 
     def pose_from_message(self, message: Any) -> StampedPose | None:
-        """The camera's pose by a message, or None where it does not say.
+        """The camera's pose by a message, or None where it does not hold one.
 
         Raises:
             BadInputError: An ODOMETRY in a frame that is not understood.

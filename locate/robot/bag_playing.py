@@ -28,7 +28,7 @@ def locate_in_bag(
     detector: Detector | None = None,
     report: Report = silent,
 ) -> PlumeMap:
-    """Plays a bag into a `Locator`; writes map.json and a bag of what it said, plumes/plumes.mcap.
+    """Plays a bag into a `Locator`; writes map.json and a bag of its updates, plumes/plumes.mcap.
 
     Args:
         path: The bag.
@@ -37,7 +37,7 @@ def locate_in_bag(
         wiring: How the robot's frames hang together; its pose source is set by `topics`.
         settings: Of the `Locator`; None takes its defaults.
         detector: None takes that of the `Locator`.
-        report: Told how far it is.
+        report: Called with the share that has been played.
 
     Raises:
         BadInputError: The bag cannot be read, or does not hold what is needed.
@@ -49,7 +49,7 @@ def locate_in_bag(
         )
         updates = list(_feed_messages(chosen, adapter, report))
         if adapter.locator is None or not adapter.locator.counts.key_frames:
-            raise BadInputError(f"{path}: nothing could be looked at ({adapter.find_problem()})")
+            raise BadInputError(f"{path}: no frame could be used ({adapter.find_problem()})")
         updates += adapter.locator.finish()
     output.mkdir(parents=True, exist_ok=True)
     plume_map = adapter.locator.plume_map()
@@ -61,23 +61,23 @@ def locate_in_bag(
 def _feed_messages(
     topics: BagTopics, adapter: MessageAdapter, report: Report
 ) -> Iterator[PlumeUpdate]:
-    """Feeds all messages, first what holds for ever and a camera; yields what becomes known."""
+    """Feeds all messages, static transforms and a camera first; yields the updates."""
     assert topics.info is not None
-    takers: dict[str, Callable[[Any], None]] = {
+    handlers: dict[str, Callable[[Any], None]] = {
         topic: adapter.add_static_transforms if static else adapter.add_transforms
         for topic, static in topics.transform_topics.items()
     }
     for topic, _, message in topics.read_messages(_static_topics(topics), adapter.count_refusal):
-        takers[topic](message)
+        handlers[topic](message)
     for _, _, message in topics.read_messages([topics.info], adapter.count_refusal):
         adapter.add_camera_info(message)
         if adapter.locator is not None:
             break
-    takers |= {topics.image: adapter.add_image, topics.info: adapter.add_camera_info}
+    handlers |= {topics.image: adapter.add_image, topics.info: adapter.add_camera_info}
     if topics.pose not in (None, "tf"):
-        takers[topics.pose] = adapter.add_body_pose
-    for topic, share, message in topics.read_messages(takers, adapter.count_refusal):
-        takers[topic](message)
+        handlers[topics.pose] = adapter.add_body_pose
+    for topic, share, message in topics.read_messages(handlers, adapter.count_refusal):
+        handlers[topic](message)
         report("bag", share)
         if adapter.locator is not None:
             yield from adapter.locator.updates()

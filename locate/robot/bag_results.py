@@ -1,4 +1,4 @@
-"""What was found, written as a ROS 2 bag that Foxglove, PlotJuggler and mcap readers open."""
+"""Plumes written as a ROS 2 bag that Foxglove, PlotJuggler and mcap readers open."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 
 def write_updates(folder: Path, updates: Sequence[PlumeUpdate], *, frame_id: str) -> Path:
-    """Writes a ROS 2 bag of markers, points and sources as MCAP; one that stands is replaced.
+    """Writes a ROS 2 bag of markers, points and sources as MCAP, in place of one that exists.
 
     Args:
         folder: The bag, a folder; the file in it has its name.
-        updates: In the order in which they became known.
+        updates: In the order in which they were found.
         frame_id: Of the world.
 
     Returns:
         The .mcap file.
 
     Raises:
-        BadInputError: Something else stands there.
+        BadInputError: Something else is in its place.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -57,7 +57,7 @@ def write_updates(folder: Path, updates: Sequence[PlumeUpdate], *, frame_id: str
 
 
 def write_map(folder: Path, plume_map: PlumeMap, *, frame_id: str, stamp_ns: int) -> Path:
-    """Writes the plumes of an offline run as `write_updates` does; what stands there is replaced.
+    """Writes the plumes of an offline run as `write_updates` does, in place of what exists.
 
     Args:
         folder: The bag.

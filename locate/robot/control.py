@@ -27,13 +27,13 @@ class CommandResult:
 
 
 class NodeControl:
-    """Starts and stops a node, saves and forgets what it found, and says how it is doing.
+    """Starts and stops a node, saves and forgets its plumes, and reports its health.
 
     Args:
         adapter: What takes the robot's messages.
         plume_publisher: Publishes the plumes.
         output: Folder that map.json is saved in.
-        running: Whether it looks from the beginning.
+        running: Whether it detects from the beginning.
     """
 
     def __init__(
@@ -50,16 +50,16 @@ class NodeControl:
         self._running = running
         self._ignored = 0
 
-    def while_running(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """The same function, which counts and does nothing else while the node is stopped."""
+    def while_running(self, on_message: Callable[[Any], None]) -> Callable[[Any], None]:
+        """The same function, which only counts its calls while the node is stopped."""
 
-        def taken(message: Any) -> None:
+        def call_or_count(message: Any) -> None:
             if self._running:
-                take(message)
+                on_message(message)
             else:
                 self._ignored += 1
 
-        return taken
+        return call_or_count
 
     def run_command(self, name: str, stamp_ns: int) -> CommandResult:
         """Does one of `COMMANDS`.
@@ -70,7 +70,7 @@ class NodeControl:
         """
         if name in ("start", "stop"):
             self._running = name == "start"
-            return CommandResult(message="looking" if self._running else "stopped")
+            return CommandResult(message="running" if self._running else "stopped")
         if name == "reset":
             self._adapter.reset()
             self._plume_publisher.clear_plumes(stamp_ns)
@@ -91,7 +91,7 @@ class NodeControl:
         return CommandResult(message=str(path))
 
     def report_health(self) -> NodeHealth:
-        """What was fed, dropped and refused, and the first thing that is wrong."""
+        """What was fed, dropped and refused, and the first problem."""
         locator, known = self._adapter.locator, self._plume_publisher.known.values()
         values = {} if locator is None else asdict(locator.counts)
         values |= {f"refused_{name}": count for name, count in self._adapter.refusals.items()}

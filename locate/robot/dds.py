@@ -38,7 +38,7 @@ class TopicNames:
     Attributes:
         image: Of `Image`, or of `CompressedImage` where it ends with ``/compressed``.
         camera_info: Of `CameraInfo`; empty takes the one beside the images.
-        pose: Of what the wiring's pose source says; TF needs none.
+        pose: Of the type of the wiring's pose source; TF needs none.
         out: In front of the names of what is published.
     """
 
@@ -57,7 +57,7 @@ class TopicNames:
 class DdsNode:
     """A `Locator` between the topics of a robot; `spin_once` does all the work.
 
-    ROS 2's services need more of DDS than cyclonedds gives to Python: commands come as words on
+    ROS 2's services need more of DDS than cyclonedds offers in Python: commands come as text on
     ``~/command``, and are answered on ``~/answer``.
 
     Args:
@@ -71,7 +71,7 @@ class DdsNode:
     Attributes:
         adapter: What takes the robot's messages.
         plume_publisher: Publishes the plumes.
-        control: The node's switches, and its health.
+        control: Runs commands, and reports the node's health.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class DdsNode:
         subscribe(f"{names.out}/command", STRING, self._run_command, reliable=True)
 
     def spin_once(self, timeout_s: float = 0.1) -> None:
-        """Takes what comes within this time, and tells what has become known."""
+        """Takes the messages that come within this time, and publishes updates."""
         self._transport.spin_once(timeout_s, self.adapter.count_refusal)
         if self.adapter.locator is not None:
             self.plume_publisher.publish_updates(self.adapter.locator.updates())

@@ -22,8 +22,11 @@ NO_TYPE_INFORMATION = (
 )
 """Fast DDS 3 (vendor 1.15) describes types in a way that cyclonedds takes for other types."""
 MOST_AT_ONCE = 64
+"""Messages of one topic that are read before the next topic (chosen)."""
 SENSOR_DEPTH, DEPTH, LATCHED_DEPTH = 5, 100, 1
+"""Messages that a queue keeps: 5 as ROS 2's sensor-data profile, the others chosen."""
 BLOCKED_NS = 100_000_000
+"""A full queue blocks a writer at most this long (the default of DDS)."""
 PYTHON_TYPES = {"string": str, "bool": bool}
 
 
@@ -86,14 +89,16 @@ class DdsTransport:
             topic: As ROS names it, ``"/camera/image_raw"``.
             type_name: Such as ``"sensor_msgs/msg/Image"``.
             on_message: Called with an object of `types`.
-            reliable: Wants what was lost sent again; otherwise as sensors do it.
-            latched: Wants what was said before, too.
+            reliable: Lost messages are sent again; otherwise QoS is that of sensor data.
+            latched: Messages sent before are received, too.
         """
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
 
-        sure = reliable or latched
-        qos = _make_qos(reliable=sure, latched=latched, depth=DEPTH if sure else SENSOR_DEPTH)
+        reliable = reliable or latched
+        qos = _make_qos(
+            reliable=reliable, latched=latched, depth=DEPTH if reliable else SENSOR_DEPTH
+        )
         reader = DataReader(self._participant, self._make_topic(topic, type_name), qos=qos)
         unread = SampleState.NotRead | ViewState.Any | InstanceState.Any
         self._waiting.attach(ReadCondition(reader, unread))
@@ -102,12 +107,12 @@ class DdsTransport:
     def advertise(
         self, topic: str, type_name: str, *, latched: bool = True
     ) -> Callable[[Any], None]:
-        """A function that sends messages of a reliable topic, which those who come late hear too.
+        """A function that sends messages on a reliable topic; late subscribers receive the last.
 
         Args:
             topic: As of `subscribe`.
             type_name: Likewise.
-            latched: False where only those who listen at the time shall hear.
+            latched: False where only those subscribed at the time receive them.
         """
         from cyclonedds.pub import DataWriter
 
@@ -122,11 +127,11 @@ class DdsTransport:
         )
 
     def spin_once(self, timeout_s: float, refuse: Callable[[str, BadInputError], object]) -> None:
-        """Waits until something comes, at most this long, and gives it to those that listen.
+        """Waits for messages, at most this long, and passes them to the subscribers.
 
         Args:
             timeout_s: How long to wait.
-            refuse: Told of messages that cannot be read: what it was, and why.
+            refuse: Called with each message that cannot be read: what it was, and why.
         """
         from cyclonedds.internal import InvalidSample
         from rosbags.serde import SerdeError

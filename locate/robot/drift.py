@@ -11,15 +11,16 @@ from geometry.arrays import FloatArray
 from locate.messages.poses import StampedPose
 
 LEAST_OWN_SHARE = 0.05
+"""Share of a pose's covariance that is never taken for shared (chosen)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SharedError:
-    """An error of the world frame itself, as the surest pose of a window states it.
+    """An error of the world frame itself, as the most certain pose of a window states it.
 
-    What an odometry has drifted until a window began moves everything the window sees; averaging
-    over views must not shrink it. What is left to each view is its covariance less that part, at
-    least `LEAST_OWN_SHARE` of it.
+    The drift of an odometry until a window began moves everything in the window; averaging over
+    views must not shrink it. Each view keeps its covariance less that part, at least
+    `LEAST_OWN_SHARE` of it.
 
     Attributes:
         pose: The pose with the smallest position covariance; None where none is known.
@@ -31,8 +32,10 @@ class SharedError:
     def from_poses(cls, poses: Sequence[StampedPose]) -> Self:
         """The error that these poses share."""
         known = [pose for pose in poses if np.isfinite(pose.covariance).all()]
-        surest = min(known, key=lambda pose: float(np.trace(pose.covariance[3:, 3:])), default=None)
-        return cls(pose=surest)
+        most_certain = min(
+            known, key=lambda pose: float(np.trace(pose.covariance[3:, 3:])), default=None
+        )
+        return cls(pose=most_certain)
 
     def remove_from(self, poses: Sequence[StampedPose]) -> list[StampedPose]:
         """The poses with what is left of their covariances."""

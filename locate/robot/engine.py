@@ -1,4 +1,4 @@
-"""Looks at one key frame after the other; decides by the evidence of the last what is there."""
+"""Detects in one key frame after the other; finds plumes by the evidence of the last views."""
 
 import threading
 from dataclasses import replace
@@ -20,27 +20,33 @@ from locate.robot.settings import LocatorSettings
 from locate.robot.window import DetectionTask, EvidenceWindow, FrameWindow
 
 FEWEST_VIEWS = 4
+"""Views below which a window is not searched (chosen)."""
 FEWEST_OBSERVING_VIEWS = 3
+"""Views that must observe a plume's place before not finding it counts as a miss (chosen)."""
 SHARE_IN_SIGHT = 0.6
+"""Share of its axis in the frame, at which a view observes a plume (chosen)."""
 SPINE_POINTS = 9
+"""Points along the axis at which that is checked."""
 BACKGROUND_STEP = 16
+"""Pixels between the points of the background that are kept."""
 NEW_SHARE = 0.3
+"""Share of the views that must be new before the window is searched again (chosen)."""
 
 
 class PlumeEngine:
     """The part of a `Locator` that computes.
 
-    Some threads may look at frames while another decides; none waits for the other, save at the
-    end of a window.
+    Some threads may detect in frames while another searches; neither waits for the other, except
+    at the end of a window.
 
     Args:
-        searcher: Finds plumes in what was seen.
-        settings: How much is kept, and how often is decided.
+        searcher: Finds plumes in a window of views.
+        settings: How much is kept, and how often plumes are searched.
 
     Attributes:
         tracks: The plumes so far.
         inverse_depth: Typical of the background in the latest frame, 1 / m.
-        background_in_world: (N, 3) points of the scene that the window looks at.
+        background_in_world: (N, 3) points of the background that the window observed.
     """
 
     def __init__(self, searcher: PlumeSearch, settings: LocatorSettings) -> None:
@@ -56,10 +62,10 @@ class PlumeEngine:
         self._adding, self._deciding = threading.Lock(), threading.Lock()
 
     def process_frame(self, task: DetectionTask, detector: Detector) -> list[PlumeUpdate]:
-        """Looks at a key frame, keeps what it saw, and follows the plumes that are known.
+        """Detects in a key frame, keeps its evidence, and updates the plumes that are known.
 
-        A frame in which the detector finds nothing to measure says nothing. The first frame of
-        another window ends what was summed so far; the tracks stay. A frame of a window that has
+        A frame in which the detector finds nothing to measure holds no evidence. The first frame
+        of another window ends the last one; the tracks stay. A frame of a window that has
         ended meanwhile is not kept.
         """
         updates = self._enter_window(task.window)
@@ -80,7 +86,7 @@ class PlumeEngine:
         return updates
 
     def _enter_window(self, window: FrameWindow) -> list[PlumeUpdate]:
-        """Where this window is a new one: decides on what the last left, and begins it."""
+        """Begins this window if it is a new one, after a last search of the one before."""
         if not self._is_new_window(window):
             return []
         updates = self.update_plumes()
@@ -98,14 +104,14 @@ class PlumeEngine:
 
     @property
     def decision_due(self) -> bool:
-        """Enough views have come in since the last decision: the more there are, the more."""
+        """True once enough views are new since the last search: `NEW_SHARE` of them, at least."""
         enough = max(self._settings.views_a_decision, NEW_SHARE * len(self._evidence))
         return self._undecided >= enough
 
     def update_plumes(self) -> list[PlumeUpdate]:
-        """Fuses the window and follows the plumes, where enough views are there and one is new.
+        """Searches the window for plumes, where it has enough views and a new one.
 
-        Views that came in meanwhile are followed up; of each plume only the latest is said.
+        Views that came in meanwhile are added; of each plume only the latest update is returned.
         """
         with self._deciding:
             with self._adding:
@@ -132,7 +138,7 @@ class PlumeEngine:
                 [_add_shared_error(smoother.plume, shared) for smoother in smoothers],
                 span,
                 unit=views.unit,
-                looked_at=lambda plume: (
+                is_observed=lambda plume: (
                     count_observing_views(views, plume_column(plume)) >= FEWEST_OBSERVING_VIEWS
                 ),
             )
@@ -142,7 +148,7 @@ class PlumeEngine:
             return list({update.plume.id: update for update in updates}.values())
 
     def _smooth_plumes(self, number: int) -> list[PlumeUpdate]:
-        """What a key frame adds to what is known of the plumes that the last decision found."""
+        """Adds a key frame to the estimates of the plumes that the last search found."""
         pose, view = self._evidence.view_of(number)
         updates = []
         for smoother in self._smoothers:
@@ -153,7 +159,7 @@ class PlumeEngine:
                     [_add_shared_error(plume, smoother.shared)],
                     ViewSpan(first=first, last=last, stamp_ns=pose.stamp_ns),
                     unit=smoother.unit,
-                    looked_at=lambda _plume: False,
+                    is_observed=lambda _plume: False,
                 )
         return updates
 

@@ -1,8 +1,9 @@
-"""A fixed-lag smoother: what a new view sees of a known plume, joined with the last views at once.
+"""A fixed-lag smoother: a new view of a known plume updates its estimate at once.
 
 Searching a window takes seconds. Between two searches the axis of a plume that the last one found
-is sighted in every new view, and the linear graph of the last views is solved again, with the sway
-that the search found; see `locate.fusion.axis.graph`. Cost and memory depend on the window alone.
+is measured in every new view, and the linear graph of the last views is solved again, with the
+sway that the search found; see `locate.fusion.axis.graph`. Cost and memory depend on
+the window alone.
 """
 
 from collections import deque
@@ -22,15 +23,16 @@ from locate.robot.drift import SharedError
 from locate.robot.plume_tracks import plume_column
 
 LEAST_VARIANCE_SHARE = 1e-3
+"""Smallest variance of a covariance, as a share of its largest (chosen)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewMeasurement:
-    """What one view saw of the axis.
+    """The axis as one view measured it.
 
     Attributes:
         number: Of the key frame.
-        pose: Of the camera, with what is its own of its covariance.
+        pose: Of the camera; its covariance is without the shared error.
         sightings: Of the axis, if any.
     """
 
@@ -40,7 +42,7 @@ class ViewMeasurement:
 
 
 class FixedLagSmoother:
-    """Follows one plume from the search that found it until the next.
+    """Updates one plume from the search that found it until the next.
 
     Args:
         plume: As the search found it; its covariance without the error that all views share.
@@ -52,7 +54,7 @@ class FixedLagSmoother:
     Attributes:
         plume: As given.
         shared: As given.
-        unit: The yardstick of fusion, m.
+        unit: The unit of length of fusion, m.
     """
 
     def __init__(
@@ -71,13 +73,15 @@ class FixedLagSmoother:
         self._column = plume_column(plume)
         self._height = float(plume.source[2] - self._column.lowest_z)
         self._measurements: deque[ViewMeasurement] = deque(maxlen=most)
-        seen = sight_axis(views, self._column)
-        self._away = int(np.sign(seen.bending_sign.sum()))
+        sightings = sight_axis(views, self._column)
+        self._bending_sign = int(np.sign(sightings.bending_sign.sum()))
         for row, pose in enumerate(shared.remove_from(poses)):
             number = int(views.trajectory.indices[row])
-            part = _select_sightings(seen, seen.view == row)
+            part = _select_sightings(sightings, sightings.view == row)
             self._measurements.append(ViewMeasurement(number=number, pose=pose, sightings=part))
-        first = estimate_axis(views.trajectory, self._column, seen, self.unit, origin=self._height)
+        first = estimate_axis(
+            views.trajectory, self._column, sightings, self.unit, origin=self._height
+        )
         self._sway = None if first is None else first.sway
         self._first = self._estimate_axis()
 
@@ -89,11 +93,11 @@ class FixedLagSmoother:
             pose: Where it was taken.
             view: Its evidence: one row.
         """
-        seen = sight_axis(view, self._column, self._away)
-        if self._first is None or not len(seen):
+        sightings = sight_axis(view, self._column, self._bending_sign)
+        if self._first is None or not len(sightings):
             return None
         (own,) = self.shared.remove_from([pose])
-        self._measurements.append(ViewMeasurement(number=number, pose=own, sightings=seen))
+        self._measurements.append(ViewMeasurement(number=number, pose=own, sightings=sightings))
         now = self._estimate_axis()
         return None if now is None else self._update_plume(self._first, now)
 
@@ -111,27 +115,27 @@ class FixedLagSmoother:
             [measurement.number for measurement in measurements],
             self._camera,
         )
-        seen = _concatenate_sightings(
+        sightings = _concatenate_sightings(
             [measurement.sightings for measurement in measurements], trajectory.times_s
         )
-        sway: Sway = self._sway.applied_to(seen, self._height, self.unit)
+        sway: Sway = self._sway.applied_to(sightings, self._height, self.unit)
         return estimate_axis(
-            trajectory, self._column, seen, self.unit, origin=self._height, sway=sway
+            trajectory, self._column, sightings, self.unit, origin=self._height, sway=sway
         )
 
     def _update_plume(self, first: AxisEstimate, now: AxisEstimate) -> Plume:
-        """The plume, moved and made surer or less sure as its axis was since the search."""
+        """The plume, changed as its axis and the covariance of that were since the search."""
         before, covariance_before = first.point_at(self._height)
         after, covariance_after = now.point_at(self._height)
         rest = _make_positive(self.plume.source_covariance - covariance_before)
-        surer = now.direction_sigma_rad / first.direction_sigma_rad
+        sigma_ratio = now.direction_sigma_rad / first.direction_sigma_rad
         views = {*self.plume.views, *(g.number for g in self._measurements if len(g.sightings))}
         return replace(
             self.plume,
             source=self.plume.source + after - before,
             source_covariance=covariance_after + rest,
             axis=now.direction,
-            axis_sigma_rad=surer * self.plume.axis_sigma_rad,
+            axis_sigma_rad=sigma_ratio * self.plume.axis_sigma_rad,
             views=tuple(sorted(views)),
         )
 

@@ -15,7 +15,9 @@ from locate.robot.settings import LocatorSettings
 from locate.robot.window import FrameWindow, WindowFrame
 
 REWIND_NS = 10 * NS_PER_S
+"""A stamp that is older than the newest by more than this is of a clock that went back (chosen)."""
 LEAST_JUMP_M = 0.5
+"""Shorter steps between two poses are never a jump, however little time is between (chosen)."""
 
 
 @dataclass(kw_only=True)
@@ -25,13 +27,13 @@ class LocatorCounts:
     Attributes:
         images: Fed.
         poses: Fed.
-        passed_over: Images too near to the last key frame to say anything new.
+        passed_over: Images too near to the last key frame to add anything.
         unposed: Images whose pose did not come in time.
         key_frames: Images kept.
-        looked_at: Key frames that the detector has seen.
-        dropped: Key frames that it never got to.
-        jumps: How often the poses jumped, or the clock went back, and the window began anew.
-        failures: Key frames on which the detector or the fusion failed; the log says how.
+        looked_at: Key frames that the detector has processed.
+        dropped: Key frames that it had no time for.
+        jumps: How often the poses jumped, or the clock went back, and a new window began.
+        failures: Key frames on which the detector or the fusion failed; the log holds the errors.
     """
 
     images: int = 0
@@ -47,7 +49,7 @@ class LocatorCounts:
 
 @dataclass(kw_only=True)
 class FrameRectifier:
-    """From the camera's images to the frames that are worked on."""
+    """Undistorts and shrinks the camera's images."""
 
     camera: Camera
     width_px: int
@@ -69,7 +71,7 @@ class FrameRectifier:
 
 
 class KeyFrameSelector:
-    """Joins images with their poses and keeps those that show something new.
+    """Joins images with their poses and keeps those taken far enough apart.
 
     Args:
         camera: That takes the images.
@@ -78,7 +80,7 @@ class KeyFrameSelector:
     Attributes:
         counts: What became of everything that came in.
         window: The key frames; another window after a jump or for another camera.
-        rectifier: From the camera's images to these frames.
+        rectifier: Makes key frames of the camera's images.
         inverse_depth: Typical of the background, 1 / m: parallax is counted by it.
     """
 
@@ -104,10 +106,10 @@ class KeyFrameSelector:
         self._begin_window()
 
     def check_image(self, image: GreyImage) -> None:
-        """Refuses what the camera did not take.
+        """Refuses an image that the camera cannot have taken.
 
         Raises:
-            BadInputError: Its size or type is another.
+            BadInputError: Its size or type is not the camera's.
         """
         camera = self.rectifier.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width):
@@ -145,7 +147,7 @@ class KeyFrameSelector:
         self._last_key: StampedPose | None = None
 
     def _move_clock(self, stamp_ns: int) -> None:
-        """Keeps the newest stamp; a clock that went back (a replay) begins everything anew."""
+        """Keeps the newest stamp; a clock that went back (a replay) starts a new window."""
         if self._newest_ns is not None and stamp_ns < self._newest_ns - REWIND_NS:
             self._newest_ns = None
             self._poses.clear()
@@ -158,7 +160,7 @@ class KeyFrameSelector:
         self._begin_window()
 
     def _match_poses(self) -> None:
-        """Joins waiting images with their poses, and lets those go that waited too long."""
+        """Joins waiting images with their poses, and drops those that waited too long."""
         oldest_ns = (self._newest_ns or 0) - round(self._settings.patience_s * NS_PER_S)
         surplus = len(self._images) - self._settings.images_kept
         for place, stamp_ns in enumerate(sorted(self._images)):

@@ -33,7 +33,9 @@ from locate.robot.worker import (
 )
 
 MOST_PENDING_UPDATES = 1024
+"""Updates kept for a program that does not fetch them; older ones are dropped (chosen)."""
 AT_LEAST_EVERY_S = 5.0
+"""Views that are too few for a decision of their own wait at most this long (chosen)."""
 
 log = logging.getLogger("locate.robot")
 
@@ -41,16 +43,16 @@ log = logging.getLogger("locate.robot")
 class Locator:
     """Finds plumes while a robot moves.
 
-    Feed it images and poses as they come; it never blocks on the detector, which works in a
-    thread of its own and drops what it cannot get to, nor on searches, which another process does.
+    Feed it images and poses as they come. It never blocks on the detector, which runs in a thread
+    of its own and drops frames it has no time for, nor on searches, which another process runs.
     World: metric, Z up.
 
     Args:
         camera: That takes the images.
         settings: How much is kept, and how often is decided.
-        detector: Of your own, which one thread uses; None takes ``registered``, see
-            `detect.registry`, with the settings' neighbours, in as many processes as they say.
-        threaded: False looks at frames inside `feed`, and drops none: for recordings.
+        detector: One of your own, which one thread uses; None takes ``registered``, see
+            `detect.registry`, with the settings' neighbours, in `detector_workers` processes.
+        threaded: False runs the detector inside `feed` and drops no frame: for recordings.
 
     Example:
         >>> import locate
@@ -58,8 +60,8 @@ class Locator:
         >>> from geometry.camera import Camera
         >>> camera = Camera.pinhole(64, 48, focal_px=60.0)
         >>> with locate.Locator(camera, threaded=False) as locator:
-        ...     news = locator.feed(np.zeros((48, 64), np.uint8), np.eye(4), None, stamp_ns=0)
-        >>> news
+        ...     updates = locator.feed(np.zeros((48, 64), np.uint8), np.eye(4), None, stamp_ns=0)
+        >>> updates
         []
     """
 
@@ -75,8 +77,10 @@ class Locator:
         neighbours = self.settings.neighbours
         self._detector = detector or make_detector(LEARNED_DETECTOR, neighbours=neighbours)
         processes = threaded and WORKERS_AVAILABLE
-        more = self.settings.detector_workers - 1 if processes and detector is None else 0
-        self._detector_workers = [DetectorWorker(self._detector, neighbours) for _ in range(more)]
+        workers = self.settings.detector_workers - 1 if processes and detector is None else 0
+        self._detector_workers = [
+            DetectorWorker(self._detector, neighbours) for _ in range(workers)
+        ]
         self._searcher: PlumeSearch = (PlumeSearchWorker if processes else LocalPlumeSearch)(
             self._detector.name, self.settings
         )
@@ -115,7 +119,7 @@ class Locator:
             What has become known since the last call of this or of `updates`.
 
         Raises:
-            BadInputError: The image does not fit the camera, or the pose is none.
+            BadInputError: The image does not fit the camera, or the pose is not valid.
         """
         self._selector.check_image(image)
         self.feed_pose(world_from_cam, covariance, stamp_ns)
@@ -159,7 +163,7 @@ class Locator:
         return updates
 
     def finish(self, timeout_s: float | None = None) -> list[PlumeUpdate]:
-        """Looks at all frames that still wait, decides, and returns what is new.
+        """Processes all frames that still wait, updates the plumes, and returns what is new.
 
         Args:
             timeout_s: Give up after this time; what is left then stays for the next call.
@@ -188,7 +192,7 @@ class Locator:
         )
 
     def suggest(self, poses: Sequence[FloatArray]) -> list[ViewSuggestion]:
-        """From where to look next, best first; see `locate.robot.next_view`.
+        """Where the camera should go next, best first; see `locate.robot.next_view`.
 
         Args:
             poses: (4, 4) world_from_cam each, those that the robot can reach.
@@ -202,7 +206,7 @@ class Locator:
         )
 
     def set_camera(self, camera: Camera) -> None:
-        """Goes on with another camera; the window begins anew, the plumes stay."""
+        """Goes on with another camera, in a new window; the plumes stay."""
         with self._changed:
             if camera != self._selector.rectifier.camera:
                 self._selector.set_camera(camera)
@@ -217,15 +221,15 @@ class Locator:
             self._begin_session(self._selector.rectifier.camera)
 
     def close(self) -> None:
-        """Ends the threads, when they have done what they are at, and the processes."""
+        """Ends the threads, once their current work is done, and the processes."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         for thread in self._threads:
             thread.join()
         self._searcher.close()
-        for helper in self._detector_workers:
-            helper.close()
+        for worker in self._detector_workers:
+            worker.close()
 
     def __enter__(self) -> Self:
         return self
@@ -255,7 +259,7 @@ class Locator:
         )
 
     def _run_detector(self, detector: Detector) -> None:
-        """A thread: looks at one key frame after the other."""
+        """A thread: processes one key frame after the other."""
         while True:
             with self._changed:
                 task = None
@@ -267,7 +271,7 @@ class Locator:
             self._process_frame(task, detector)
 
     def _run_decisions(self) -> None:
-        """A thread: decides whenever enough has been seen, and on the rest after a while.
+        """A thread: updates the plumes after enough new views, and on the rest after a while.
 
         It rests as long as it worked: searches take half a processor at most.
         """
@@ -286,7 +290,7 @@ class Locator:
             rest_s = time.monotonic() - started
 
     def _process_inline(self) -> None:
-        """Looks at all frames that are ready, and decides, where no thread does."""
+        """Processes all frames that are ready, and updates the plumes, where no thread does."""
         while not self._threaded and (task := self._take_task()) is not None:
             self._detecting += 1
             self._process_frame(task, self._detector)

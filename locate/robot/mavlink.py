@@ -1,4 +1,4 @@
-"""MAVLink: leaks as an autopilot and its ground station understand them."""
+"""MAVLink: leaks as messages and plans for an autopilot and its ground station."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -32,7 +32,7 @@ def region_of_interest(plume: Plume, origin: Georeference, *, system: int, compo
     """COMMAND_INT with DO_SET_ROI_LOCATION: the camera turns to the source.
 
     Raises:
-        BadInputError: The height of the source cannot be told above the sea or the take-off.
+        BadInputError: The height of the source above the sea or the take-off is unknown.
     """
     frame, (lat_deg, lon_deg, height_m) = _global_position(plume.source, origin)
     return mavlink.MAVLink_command_int_message(
@@ -53,7 +53,7 @@ def region_of_interest(plume: Plume, origin: Georeference, *, system: int, compo
 
 
 def landing_target(plume: Plume, *, time_us: int) -> Any:
-    """LANDING_TARGET: the source as a place to land; only for who asks, as nothing here sends it.
+    """LANDING_TARGET: the source as a place to land; nothing here sends it by itself.
 
     Only where the map's world is the autopilot's own local frame, turned from north-east-down to
     east-north-up, as it is with ODOMETRY for poses.
@@ -82,7 +82,7 @@ def landing_target(plume: Plume, *, time_us: int) -> Any:
 
 
 def mission_plan(plumes: Sequence[Plume], origin: Georeference) -> dict[str, Any]:
-    """A QGroundControl .plan: for each plume look at its source, then circle in its updraft.
+    """A QGroundControl .plan: turn the camera to each source, then circle in its updraft.
 
     Raises:
         BadInputError: See `region_of_interest`.

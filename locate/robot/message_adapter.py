@@ -1,4 +1,4 @@
-"""From a robot's messages to a `Locator`, whatever carried them."""
+"""Feeds a robot's messages to a `Locator`, whatever carried them."""
 
 from collections import Counter, deque
 from collections.abc import Callable
@@ -14,17 +14,18 @@ from locate.robot.locator import Locator
 from locate.robot.settings import LocatorSettings
 
 MOST_PENDING = 120
+"""Images that wait for TF, at most (chosen)."""
 
 
 class MessageAdapter:
-    """Feeds a `Locator`, which begins with the first camera_info; bad messages are counted.
+    """Feeds a `Locator`, made at the first camera_info; messages it cannot use are counted.
 
     Args:
         wiring: How the robot's frames hang together.
         settings: Of the `Locator`; None takes its defaults.
         detector: None takes that of the `Locator`.
         threaded: As of the `Locator`.
-        on_refusal: Told of each message that cannot be used.
+        on_refusal: Called with the reason for each message that cannot be used.
 
     Attributes:
         locator: None before the first camera_info.
@@ -57,7 +58,7 @@ class MessageAdapter:
 
     @property
     def transform_tree(self) -> TransformTree:
-        """What TF has said."""
+        """The transforms that TF has sent."""
         return self._pose_resolver.tree
 
     def close(self) -> None:
@@ -108,7 +109,7 @@ class MessageAdapter:
         self._find_waiting_poses()
 
     def add_static_transforms(self, message: Any) -> None:
-        """Takes a `TFMessage` that holds for ever."""
+        """Takes a `TFMessage` of ``/tf_static``: it holds for ever."""
         self.transform_tree.add(message.transforms, static=True)
 
     def add_transforms(self, message: Any) -> None:
@@ -143,7 +144,7 @@ class MessageAdapter:
         self._on_refusal(self.last_refusal)
 
     def find_problem(self) -> str:
-        """The first thing that a person should look into; empty where there is none."""
+        """The first problem that a person should solve; empty where there is none."""
         if self.locator is None:
             return self.last_refusal or "no camera_info yet"
         counts = self.locator.counts

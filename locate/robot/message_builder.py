@@ -14,9 +14,13 @@ from locate.messages.poses import NS_PER_S
 from locate.robot.plume_tracks import PlumeUpdate, TrackState
 
 MARKED_SIGMAS = 2.0
+"""Half axes of a source's ellipsoid, in sigmas."""
 LEAST_MARK_M = 0.02
+"""Smallest axis of a marker that can still be seen (chosen)."""
 UNKNOWN_VARIANCE = 1e6
+"""Of a leak's orientation, rad squared: messages have no other way to call it unknown."""
 AROUND, UPWARDS = 24, 16
+"""Points of an outline: on a ring, and rings."""
 SPHERE, ARROW, TEXT = 2, 0, 9
 ADD, DELETE_ALL = 0, 3
 OK, WARN = 0, 1
@@ -33,10 +37,10 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class NodeHealth:
-    """How a node is doing.
+    """The health of a node.
 
     Attributes:
-        trouble: What a person should look into; empty where there is nothing.
+        problem: What a person should solve; empty where there is nothing.
         values: What became of everything that came in, by name.
     """
 
@@ -76,7 +80,7 @@ class MessageBuilder:
         return self._class_of("std_msgs/msg/Header")(stamp=stamp, frame_id=self._frame_id)
 
     def build_leak_pose(self, update: PlumeUpdate) -> Any:
-        """`PoseWithCovarianceStamped`: the source; its orientation says nothing."""
+        """`PoseWithCovarianceStamped`: the source; its orientation is unknown."""
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = update.plume.source_covariance
         covariance[3:, 3:] = UNKNOWN_VARIANCE * np.eye(3)
@@ -93,7 +97,7 @@ class MessageBuilder:
         status = self._class_of("diagnostic_msgs/msg/DiagnosticStatus")(
             level=self._octet(WARN if health.problem else OK),
             name=name,
-            message=health.problem or "looking",
+            message=health.problem or "running",
             hardware_id="",
             values=[pair(key=key, value=str(count)) for key, count in health.values.items()],
         )
@@ -103,7 +107,7 @@ class MessageBuilder:
     def build_markers(self, updates: Iterable[PlumeUpdate], stamp_ns: int) -> Any:
         """`MarkerArray` of all plumes: the source's 2-sigma ellipsoid, the axis, and a label.
 
-        It begins by deleting what was shown before, so the latest one alone is the whole picture.
+        It begins by deleting the markers before it, so the latest array alone is complete.
         """
         markers = [self._build_marker(stamp_ns, "", 0, kind=SPHERE, action=DELETE_ALL)]
         for update in updates:

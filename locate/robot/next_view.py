@@ -1,4 +1,4 @@
-"""From where to look next: the pose that would make the sources surest."""
+"""The next best view: the pose that would make the sources most certain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,26 +11,37 @@ from geometry.grid import lever_gate
 from locate.map.plume import Plume
 
 SWAY_SHARE = 0.35
+"""Sigma of a view across the axis, as a share of the plume's radius: its sway (chosen)."""
 ALONG_TO_ACROSS = 3.0
+"""Sigma along the axis over that across (chosen)."""
 LEAST_SIGMA_PX = 1.0
+"""Smallest sigma across the axis (chosen)."""
 NOISE_PX = 0.1
+"""Displacement at which a view counts for half (chosen)."""
 SECTIONS = 7
+"""Points along the axis at which visibility is checked."""
 WINDOW_SHARE = 0.06
+"""Half side of the window around such a point, as a share of the image width (chosen)."""
 FEWEST_POINTS = 3
+"""Background points in that window below which it counts as unknown (chosen)."""
 UNKNOWN_GATE = 0.3
+"""Lever gate before an unknown background (chosen)."""
 COVERED_SHARE = 0.5
+"""Share of the window's cells with nearer points, above which the plume is covered (chosen)."""
 COVERED_DEPTH = 0.9
+"""A point is nearer than the plume below this share of the plume's depth (chosen)."""
 CELLS = 4
+"""Cells along a side of the window."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewSuggestion:
-    """What a look from one pose would bring.
+    """What a view from one pose would gain.
 
     Attributes:
         index: Of the pose among those offered.
         gain_m: By how much the sources' 1-sigma radii would shrink, all plumes together, m.
-        sigma_m: 1-sigma radius of the source that would be least sure afterwards, m.
+        sigma_m: 1-sigma radius of the source that would be least certain afterwards, m.
         displacement_px: What the plume that gains most is expected to show; 0 where none would.
     """
 
@@ -121,9 +132,9 @@ def _covariance_after(
     across = np.array([-tangent[1], tangent[0]])
     information = np.outer(across, across) / sigma_px**2
     information += np.outer(tangent, tangent) / (ALONG_TO_ACROSS * sigma_px) ** 2
-    seen = displacement_px**2 / (displacement_px**2 + NOISE_PX**2)
+    measured_share = displacement_px**2 / (displacement_px**2 + NOISE_PX**2)
     jacobian = projection @ cam_from_world[:3, :3]
-    gained = seen * jacobian.T @ information @ jacobian
+    gained = measured_share * jacobian.T @ information @ jacobian
     return np.asarray(np.linalg.inv(np.linalg.inv(plume.source_covariance) + gained))
 
 

@@ -14,7 +14,7 @@ _OF_THE_NODE: dict[str, tuple[Any, str]] = {
     "pose_sigma_deg": (0.0, "Rotation sigma of poses that come without one; 0 is unknown."),
     "image_transport": ("raw", "raw or compressed."),
     "rectified": (False, "The images are rectified (image_rect): no distortion is left."),
-    "autostart": (True, "Look from the beginning, not only once start is called."),
+    "autostart": (True, "Detect from the beginning, not only once start is called."),
     "output": ("~/locate", "Folder that the service save writes map.json into."),
 }
 

@@ -1,4 +1,4 @@
-"""Plumes followed over time: which of those found now is which of those known."""
+"""Plumes tracked over time: which of those found now is which of those known."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,13 +13,17 @@ from locate.fusion.search.fit import drop_duplicates
 from locate.map.plume import Plume
 
 CONFIRMED_PROBABILITY = 0.99
+"""Of a plume that is confirmed (chosen; docs/robot.md states it)."""
 MISSES_ALLOWED = 3
+"""Searches in a row that may miss a plume before it counts as lost (chosen)."""
 MOST_TRACKS = 256
-INCONSISTENT = 16.3  # chi-square of 3 degrees of freedom, 0.1 %
+"""Bounds the memory (chosen)."""
+INCONSISTENT = 16.3
+"""Squared Mahalanobis distance of two sources: chi-square of 3 degrees of freedom, 0.1 %."""
 
 
 class TrackState(StrEnum):
-    """How sure a plume is."""
+    """How certain a plume is."""
 
     CANDIDATE = "candidate"
     CONFIRMED = "confirmed"
@@ -31,9 +35,9 @@ class PlumeUpdate:
     """What is now known of one plume.
 
     Attributes:
-        plume: With its lasting id, source, covariance and probability; its views are key-frame
+        plume: With its permanent id, source, covariance and probability; its views are key-frame
             numbers.
-        state: Lost means: looked at again, and not there any more.
+        state: Lost means: observed again, and not present any more.
         stamp_ns: Of the latest frame behind it.
     """
 
@@ -48,11 +52,11 @@ class PlumeTrack:
 
     Attributes:
         shown: The best estimate.
-        state: How sure it is.
-        settled: The estimate that those of later views are joined with.
+        state: How certain it is.
+        settled: The estimate that those of later windows are combined with.
         since: Number of the first key frame behind `settled`.
         until: Of the last one.
-        misses: Decisions in a row that looked and did not find it.
+        misses: Searches in a row that observed its place and did not find it.
     """
 
     shown: Plume
@@ -65,7 +69,7 @@ class PlumeTrack:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewSpan:
-    """The views behind a decision: numbers of the first and last key frame, latest stamp."""
+    """The views behind an update: numbers of the first and last key frame, latest stamp."""
 
     first: int
     last: int
@@ -77,7 +81,7 @@ class PlumeTracks:
 
     Args:
         independent: Pose errors of views far apart in time are independent (GNSS, a surveyed
-            map); otherwise (odometry) estimates are joined without assuming so.
+            map); otherwise (odometry) estimates are combined without assuming so.
     """
 
     def __init__(self, *, independent: bool) -> None:
@@ -96,15 +100,15 @@ class PlumeTracks:
         span: ViewSpan,
         *,
         unit: float,
-        looked_at: Callable[[Plume], bool],
+        is_observed: Callable[[Plume], bool],
     ) -> list[PlumeUpdate]:
-        """Takes the outcome of one decision.
+        """Takes the outcome of one search.
 
         Args:
             found: The plumes of the window, strongest first.
             span: The window.
-            unit: The yardstick of fusion, metres.
-            looked_at: Tells whether the window's views would show a plume if it were there.
+            unit: The unit of length of fusion, metres.
+            is_observed: True where the window's views would show a plume if it were present.
 
         Returns:
             One update for every plume that was found, or is lost as of now.
@@ -124,25 +128,27 @@ class PlumeTracks:
                 del free[number]
                 self._tracks[number] = self._extend_track(self._tracks[number], plume, span)
             touched.append(number)
-        touched += [number for number in free if self._count_miss(number, looked_at)]
+        touched += [number for number in free if self._count_miss(number, is_observed)]
         updates = [self._update_of(number, span.stamp_ns) for number in touched]
         self._drop_surplus()
         return updates
 
     def settle_estimates(self) -> None:
-        """Ends the window: whatever is found next rests on other views."""
+        """Ends the window: what is found next is found in other views."""
         for number, track in self._tracks.items():
             self._tracks[number] = replace(track, settled=track.shown, until=-1)
 
     def _extend_track(self, track: PlumeTrack, plume: Plume, span: ViewSpan) -> PlumeTrack:
-        """The track with what the window says now; no view counts twice.
+        """The track with the window's present estimate; no view counts twice.
 
         While the window only grows, its estimate replaces the settled one. Once it slides, the
-        surer of the two is shown, until they have no view in common and are joined.
+        more certain of the two is shown, until they share no view and are combined.
         """
         plume = replace(plume, id=track.shown.id)
-        sure = track.state == TrackState.CONFIRMED or plume.probability >= CONFIRMED_PROBABILITY
-        state = TrackState.CONFIRMED if sure else TrackState.CANDIDATE
+        confirmed = (
+            track.state == TrackState.CONFIRMED or plume.probability >= CONFIRMED_PROBABILITY
+        )
+        state = TrackState.CONFIRMED if confirmed else TrackState.CANDIDATE
         if track.since < span.first <= track.until:
             shown = _more_certain(plume, track.settled)
             return replace(track, shown=shown, state=state, misses=0)
@@ -167,10 +173,10 @@ class PlumeTracks:
             probability=max(settled.probability, plume.probability),
         )
 
-    def _count_miss(self, number: int, looked_at: Callable[[Plume], bool]) -> bool:
+    def _count_miss(self, number: int, is_observed: Callable[[Plume], bool]) -> bool:
         """Counts a miss; True where it makes the plume lost."""
         track = self._tracks[number]
-        if track.state == TrackState.LOST or not looked_at(track.shown):
+        if track.state == TrackState.LOST or not is_observed(track.shown):
             return False
         misses = track.misses + 1
         lost = misses > MISSES_ALLOWED
@@ -183,19 +189,19 @@ class PlumeTracks:
         return PlumeUpdate(plume=track.shown, state=track.state, stamp_ns=stamp_ns)
 
     def _drop_surplus(self) -> None:
-        """Lets the least certain go, the oldest first, where there are too many."""
+        """Drops the least certain, the oldest first, where there are too many."""
         surplus = len(self._tracks) - MOST_TRACKS
         rank = [TrackState.LOST, TrackState.CANDIDATE, TrackState.CONFIRMED].index
-        by_worth = sorted(self._tracks, key=lambda number: rank(self._tracks[number].state))
-        for number in by_worth[: max(surplus, 0)]:
+        by_certainty = sorted(self._tracks, key=lambda number: rank(self._tracks[number].state))
+        for number in by_certainty[: max(surplus, 0)]:
             del self._tracks[number]
 
 
 def _begin_track(plume: Plume, span: ViewSpan) -> PlumeTrack:
-    sure = plume.probability >= CONFIRMED_PROBABILITY
+    confirmed = plume.probability >= CONFIRMED_PROBABILITY
     return PlumeTrack(
         shown=plume,
-        state=TrackState.CONFIRMED if sure else TrackState.CANDIDATE,
+        state=TrackState.CONFIRMED if confirmed else TrackState.CANDIDATE,
         settled=plume,
         since=span.first,
         until=span.last,
@@ -235,7 +241,7 @@ PositionEstimate = tuple[FloatArray, FloatArray]
 def combine_estimates(
     a: PositionEstimate, b: PositionEstimate, *, independent: bool
 ) -> PositionEstimate:
-    """One position of two, each a (3,) mean and a (3, 3) covariance.
+    """Combines two positions, each a (3,) mean and a (3, 3) covariance.
 
     Independent ones add their information. Otherwise covariance intersection holds whatever they
     share (Julier and Uhlmann, A non-divergent estimation algorithm in the presence of unknown

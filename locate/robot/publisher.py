@@ -1,4 +1,4 @@
-"""What a locator finds, on the topics that every transport has."""
+"""Publishes the plumes of a locator on the topics that every transport has."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,14 +23,14 @@ def topic_type(name: str) -> str:
 
 
 class PlumePublisher:
-    """Keeps the latest of every plume, and tells it.
+    """Keeps the latest update of every plume, and publishes it.
 
     Args:
         messages: Builds the messages of the transport.
         send: Takes a topic's name below the node's, a message and its stamp, ns.
 
     Attributes:
-        known: The latest of every plume, by id.
+        known: The latest update of every plume, by id.
     """
 
     def __init__(self, messages: MessageBuilder, send: SendMessage) -> None:
@@ -39,7 +39,7 @@ class PlumePublisher:
         self._send = send
 
     def publish_updates(self, updates: Sequence[PlumeUpdate]) -> None:
-        """Tells what has become known, if anything has: the whole picture, and each leak."""
+        """Publishes new updates, if there are any: all plumes again, and each confirmed leak."""
         if not updates:
             return
         latest = {update.plume.id: update for update in updates}
@@ -52,12 +52,12 @@ class PlumePublisher:
                 )
 
     def publish_all(self, stamp_ns: int) -> None:
-        """Tells the whole picture again."""
+        """Publishes all plumes again."""
         everything = [self.known[number] for number in sorted(self.known)]
         self._send(MARKERS, self._messages.build_markers(everything, stamp_ns), stamp_ns)
         self._send(POINTS, self._messages.build_point_cloud(everything, stamp_ns), stamp_ns)
 
     def clear_plumes(self, stamp_ns: int) -> None:
-        """Tells that nothing is known any more."""
+        """Forgets all plumes, and publishes that there are none."""
         self.known.clear()
         self.publish_all(stamp_ns)

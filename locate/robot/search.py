@@ -1,4 +1,4 @@
-"""Searches a window of evidence for plumes; in a process of its own where nobody is to wait."""
+"""Searches a window of evidence for plumes."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -19,7 +19,9 @@ from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.robot.settings import LocatorSettings
 
 CANDIDATE_FALSE_ALARM = 0.3
+"""Largest false-alarm probability of a candidate (chosen)."""
 NULL_GROWTH = 2.0
+"""Null draws are dropped once there are this many times their views (chosen)."""
 EMPTY_NULL_LEVEL = NullLevel(strongest=np.zeros(0), location=0.0, scale=1.0)
 
 
@@ -29,30 +31,30 @@ class PlumeSearch(Protocol):
     def search_window(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
     ) -> list[FixedLagSmoother]:
-        """The plumes of a window, strongest first, ready to be followed.
+        """The plumes of a window, strongest first, each as a smoother for the views to come.
 
         Args:
-            views: The evidence; the covariances of its poses are without what they share.
+            views: The evidence; the covariances of its poses exclude the shared error.
             poses: Those of the views, with their whole covariances.
-            shared: What they share.
+            shared: The error that they share.
         """
         ...
 
     def forget_window(self) -> None:
-        """Another window begins: what chance made of the last says nothing of it."""
+        """Ends the window: its null draws do not hold for another."""
         ...
 
     def close(self) -> None:
-        """Ends what works for it."""
+        """Ends its process, if it has one."""
         ...
 
 
 class LocalPlumeSearch:
-    """A `PlumeSearch` that works where it is called.
+    """A `PlumeSearch` in the calling process.
 
     Args:
         detector: Name of the one that the evidence is from.
-        settings: How much is kept, and how much is drawn.
+        settings: How many views are kept, and how many null draws are made.
     """
 
     def __init__(self, detector: str, settings: LocatorSettings) -> None:
@@ -77,13 +79,13 @@ class LocalPlumeSearch:
         self._null.clear()
 
     def close(self) -> None:
-        """Nothing works for it."""
+        """It has no process of its own."""
 
     def _find_plumes(self, views: Views) -> tuple[Plume, ...]:
         """The plumes of the window, strongest first.
 
-        Where the detector's own clutter sets the level, what chance makes is drawn only once
-        something stands above that.
+        Where the detector's own clutter sets the level, null draws are made only once something
+        exceeds it.
         """
         clutter = self._clutter_nats * len(views)
 
@@ -110,9 +112,9 @@ class LocalPlumeSearch:
         )
 
     def _null_level(self, views: Views) -> NullLevel:
-        """What chance makes of the window: one new draw a search, all anew while it grows.
+        """The level that chance reaches in the window: one new draw for each search.
 
-        Draws of far fewer views than there are now would set the level too low.
+        Draws of far fewer views than there are now would set the level too low, and are dropped.
         """
         count, box = len(views), views.volume()
         while self._null and self._null[0][0] * NULL_GROWTH < count:

@@ -1,4 +1,4 @@
-"""How a `Locator` works: how much it keeps, how long it waits, how often it decides."""
+"""Settings of a `Locator`: how much it keeps, how long it waits, how often it searches."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -19,17 +19,19 @@ class LocatorSettings:
     width_px: Annotated[int, "Wider images are shrunk to this width."] = 640
     neighbours: Annotated[int, "Key frames that each is compared with; fewer are faster."] = 8
     detector_workers: Annotated[
-        int, "Key frames that are detected in at the same time, each by its own processor."
+        int, "Key frames processed at the same time, each by its own processor."
     ] = 1
     spacing: Annotated[float, "Parallax between key frames, as a share of the image width."] = 0.02
     expected_range_m: Annotated[
         float, "Typical distance to the background, until it has been measured."
     ] = 10.0
     frames_kept: Annotated[int, "Key frames kept as neighbours of each other."] = 20
-    lag: Annotated[int, "A key frame is looked at once so many have followed it."] = 4
+    lag: Annotated[int, "A key frame is processed once so many have followed it."] = 4
     views_kept: Annotated[int, "Views whose evidence is kept."] = 32
     views_a_decision: Annotated[int, "New views from one decision to the next."] = 4
-    null_draws: Annotated[int, "Draws of what chance would make of the window, at least."] = 8
+    null_draws: Annotated[
+        int, "Null draws of the window, at least; they set the level that chance alone reaches."
+    ] = 8
     images_kept: Annotated[int, "Images that wait for their pose, at most."] = 60
     patience_s: Annotated[float, "An image whose pose is not there after this time is dropped."] = (
         1.0
@@ -52,4 +54,4 @@ class LocatorSettings:
         if self.neighbours < 2:
             raise BadInputError(f"neighbours is {self.neighbours}: at least 2 show parallax")
         if self.null_draws < 2:
-            raise BadInputError(f"null_draws is {self.null_draws}: at least 2 say how they scatter")
+            raise BadInputError(f"null_draws is {self.null_draws}: their spread takes at least 2")

@@ -1,4 +1,4 @@
-"""What is kept of the past and no more: the last key frames and the evidence of the last views."""
+"""The last key frames and the evidence of the last views: all that is kept of the past."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from locate.messages.poses import StampedPose, trajectory_from_poses
 
 @dataclass(frozen=True, kw_only=True)
 class WindowFrame:
-    """A frame that is looked at.
+    """A key frame of the window.
 
     Attributes:
         number: Ascending by the order of arrival, from 0.
@@ -31,13 +31,13 @@ class WindowFrame:
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionTask:
-    """One key frame to look at, with the frames around it.
+    """One key frame to detect in, with the frames around it.
 
     Attributes:
         key: The key frame.
         frames: All that the window holds.
         row: Which of them `key` is.
-        window: Where they are from; frames of different windows know nothing of each other.
+        window: That they belong to; frames of different windows are never combined.
     """
 
     window: "FrameWindow"
@@ -47,14 +47,14 @@ class DetectionTask:
 
 
 class FrameWindow:
-    """The last key frames: neighbours of each other, and those that still wait for a look.
+    """The last key frames: neighbours of each other, and those that wait for the detector.
 
     Args:
         camera: The pinhole of the undistorted frames.
         first: Number of its first key frame: the later a window, the larger.
         most: How many are kept.
-        lag: A frame is looked at once so many have followed it: the detector wants neighbours on
-            both sides.
+        lag: A frame is detected in once so many have followed it: the detector takes neighbours
+            on both sides.
 
     Attributes:
         camera: As given.
@@ -72,7 +72,7 @@ class FrameWindow:
         return len(self._keys)
 
     def add(self, key: WindowFrame) -> bool:
-        """Takes the next key frame; True where the one it pushes out was never looked at."""
+        """Takes the next key frame; True where the one it replaces was still waiting."""
         full = len(self._keys) == self._keys.maxlen
         lost = full and self._keys[0].number in self._waiting
         if lost:
@@ -82,11 +82,11 @@ class FrameWindow:
         return lost
 
     def take_task(self, *, newest: bool, ending: bool = False) -> DetectionTask | None:
-        """The next frame to look at, which then counts as looked at; None where none is ready.
+        """The next frame to detect in, which then no longer waits; None where none is ready.
 
         Args:
-            newest: The newest that is ready rather than the oldest: what cannot be looked at in
-                time falls out at the other end.
+            newest: The newest that is ready rather than the oldest: frames that the detector has
+                no time for are dropped as the oldest.
             ending: No more frames will come, so none needs followers.
         """
         ready = len(self._keys) - (0 if ending else self._lag)
@@ -104,7 +104,7 @@ class FrameWindow:
 
     @property
     def waiting_count(self) -> int:
-        """How many frames have not been looked at."""
+        """How many frames wait for the detector."""
         return len(self._waiting)
 
 
@@ -138,7 +138,7 @@ class EvidenceWindow:
         self._views.clear()
 
     def add(self, task: DetectionTask, detection: Detection) -> None:
-        """Takes what a detector said of a key frame; the earliest view goes where it is full."""
+        """Takes a detection of a key frame; the earliest view is dropped if the window is full."""
         key = task.key
         trajectory = trajectory_from_poses([key.pose], [key.number], task.window.camera)
         self._views[key.number] = key.pose, Views.from_detections([detection], trajectory)

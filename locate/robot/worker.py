@@ -1,7 +1,7 @@
-"""What takes long, in processes of its own: feeding, following and publishing do not wait for it.
+"""Searches and detectors in processes of their own: feeding and publishing never wait for them.
 
 A process of `multiprocessing` would run the robot's own program again, which need not be written
-for that; so these are of Python alone, each joined by a pipe that only the two ends can write to.
+for that; so these run Python alone, each with a pipe that only its two ends can write to.
 """
 
 import os
@@ -30,11 +30,12 @@ from locate.robot.settings import LocatorSettings
 WITH_REPLY, WITHOUT_REPLY = True, False
 WORKERS_AVAILABLE = os.name == "posix" and bool(sys.executable)
 LEARNED_DETECTOR = "registered"
+"""The detector of a `Locator` that was given none."""
 PROGRAM = f"from {__name__} import run_worker; run_worker()"
 
 
 class SubprocessWorker:
-    """An object in a process of its own; where that dies, another is begun.
+    """An object in a process of its own; a process that dies is replaced.
 
     Args:
         make: Makes the object; importable by its name.
@@ -47,11 +48,12 @@ class SubprocessWorker:
         self._start_process()
 
     def call_method(self, method: str, *arguments: Any) -> Any:
-        """What the object's method answers.
+        """Calls a method of the object and returns its result.
 
         Raises:
             BadInputError: As the method does.
-            RuntimeError: It failed in another way, or its process died; the message says how.
+            RuntimeError: It failed in another way (the message holds its traceback), or its
+                process died.
         """
         try:
             self._pipe.send((WITH_REPLY, method, arguments))
@@ -65,12 +67,12 @@ class SubprocessWorker:
         return answer
 
     def send_call(self, method: str, *arguments: Any) -> None:
-        """Calls the object's method and does not wait for it; a failure is not heard of."""
+        """Calls a method of the object without waiting for it; a failure is not reported."""
         with suppress(OSError):
             self._pipe.send((WITHOUT_REPLY, method, arguments))
 
     def close(self) -> None:
-        """Ends the process, whatever it is at."""
+        """Ends the process, whatever it is doing."""
         self._pipe.close()
         self._process.kill()
         self._process.wait()
@@ -118,7 +120,7 @@ class DetectorWorker:
     """The learned detector in another process; see `detect.detection.Detector`.
 
     Args:
-        like: The same in this process.
+        like: The same detector in this process.
         neighbours: As of `make_detector`.
 
     Attributes:
@@ -164,7 +166,7 @@ def _call_safely(call: Callable[..., Any], arguments: Sequence[Any]) -> Any:
 
 @with_one_blas_thread
 def run_worker() -> None:
-    """Such a process; its pipe is the file descriptor that it was told."""
+    """Runs one of these processes; its argument is the file descriptor of its pipe."""
     cv2.setNumThreads(1)
     with Connection(int(sys.argv[1])) as pipe:
         serve_calls(pipe)

@@ -176,12 +176,14 @@ def test_what_was_found_is_a_bag_in_the_world_of_the_poses(
     if not poses:
         return
     with AnyReader([tmp_path / "plumes"]) as reader:
-        told = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
-    leak = told[f"/locate/leak_{plume().id}"]
+        messages = {
+            c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()
+        }
+    leak = messages[f"/locate/leak_{plume().id}"]
     assert leak.header.frame_id == "odom"
     assert read_stamp_ns(leak.header) == stamp(11)
     assert leak.pose.pose.position.x == plume().source[0]
-    assert len(told["/locate/markers"].markers) > 1
+    assert len(messages["/locate/markers"].markers) > 1
 
 
 def test_what_is_not_in_the_bag_is_done_without(trajectory: Trajectory, tmp_path: Path) -> None:

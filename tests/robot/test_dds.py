@@ -200,7 +200,7 @@ def test_drive_ends_in_latched_markers_and_a_leak(
     assert error @ np.linalg.solve(covariance, error) < 16
 
 
-def test_commands_are_answered_and_diagnostics_told(
+def test_commands_are_answered_and_diagnostics_published(
     robot: Robot, blind_node: DdsNode, transport: DdsTransport, views: Views
 ) -> None:
     node = blind_node
@@ -208,7 +208,7 @@ def test_commands_are_answered_and_diagnostics_told(
     answers = robot.listen("/quiet/answer", "std_msgs/msg/String")
     health = robot.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
 
-    def told(command: str) -> str:
+    def answer_to(command: str) -> str:
         until_it_comes(
             node,
             robot,
@@ -218,9 +218,9 @@ def test_commands_are_answered_and_diagnostics_told(
         )
         return next(answer.data for answer in answers if answer.data.startswith(command))
 
-    assert told("dance") == "dance failed: 'dance' is none of start, stop, save, reset"
-    assert told("save") == "save failed: nothing to save: no camera_info yet"
-    assert told("stop") == "stop: stopped"
+    assert answer_to("dance") == "dance failed: 'dance' is none of start, stop, save, reset"
+    assert answer_to("save") == "save failed: nothing to save: no camera_info yet"
+    assert answer_to("stop") == "stop: stopped"
     image = MessageRecorder(Stores.ROS2_JAZZY).image(views, 0)
     until_it_comes(
         node,
@@ -231,7 +231,7 @@ def test_commands_are_answered_and_diagnostics_told(
     )
     spin(node, robot, lambda: any(array.status[0].message == "stopped" for array in health))
     assert health[-1].status[0].level in (1, b"\x01")
-    assert told("start") == "start: looking"
+    assert answer_to("start") == "start: running"
     spin(node, robot, lambda: health[-1].status[0].message == "no camera_info yet")
 
 

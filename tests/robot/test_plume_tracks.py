@@ -35,9 +35,9 @@ def span(first: int, last: int) -> ViewSpan:
 
 
 def decide(
-    tracks: PlumeTracks, found: list[Plume], views: ViewSpan, *, looked_at: bool = True
+    tracks: PlumeTracks, found: list[Plume], views: ViewSpan, *, is_observed: bool = True
 ) -> list[PlumeUpdate]:
-    return tracks.update(found, views, unit=UNIT, looked_at=lambda _plume: looked_at)
+    return tracks.update(found, views, unit=UNIT, is_observed=lambda _plume: is_observed)
 
 
 def test_ids_stay_with_their_plumes() -> None:
@@ -60,7 +60,7 @@ def test_candidate_is_confirmed_and_stays_so() -> None:
 def test_plume_is_lost_once_it_was_looked_for_in_vain() -> None:
     tracks = PlumeTracks(independent=True)
     decide(tracks, [at(0)], span(0, 3))
-    unseen = [decide(tracks, [], span(i, i + 3), looked_at=False) for i in range(9)]
+    unseen = [decide(tracks, [], span(i, i + 3), is_observed=False) for i in range(9)]
     assert not any(unseen)
     lost = [decide(tracks, [], span(i, i + 3)) for i in range(9)]
     assert [update.state for updates in lost for update in updates] == [TrackState.LOST]
@@ -106,7 +106,7 @@ def test_number_of_tracks_is_bounded() -> None:
     tracks = PlumeTracks(independent=True)
     decide(tracks, [at(0.0)], span(0, 3))
     for i in range(MOST_TRACKS + 20):
-        decide(tracks, [at(10.0 * (i + 1), probability=0.8)], span(0, 3), looked_at=False)
+        decide(tracks, [at(10.0 * (i + 1), probability=0.8)], span(0, 3), is_observed=False)
     assert len(tracks.all_tracks) == MOST_TRACKS
     assert tracks.all_tracks[0].state is TrackState.CONFIRMED
 

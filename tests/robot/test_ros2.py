@@ -226,7 +226,7 @@ def test_drive_ends_in_latched_markers_and_a_leak(
     robot.spin(lambda: clouds)
     assert len(clouds[-1].data) == clouds[-1].width * clouds[-1].point_step > 0
 
-    robot.spin(lambda: any("looking" in d.status[0].message for d in diagnostics))
+    robot.spin(lambda: any("running" in d.status[0].message for d in diagnostics))
     values = {pair.key: pair.value for pair in diagnostics[-1].status[0].values}
     assert int(values["images"]) == 12
     assert int(values["dropped"]) == 0
