@@ -245,7 +245,7 @@ def test_save_writes_the_map_and_reset_forgets_it(
     assert PlumeMap.load(Path(answer.message)).plumes == ()
     (tmp_path / "file").touch()
     blocked = NodeControl(node.adapter, node.plume_publisher, output=tmp_path / "file" / "below")
-    assert not blocked.command("save", 0).success
+    assert not blocked.run_command("save", 0).success
     assert node.control.run_command("reset", 0).message == "forgotten"
     node.close()
 
