@@ -34,15 +34,15 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.cost run
 	$(BIN)/python -m benchmarks.fusion geometry
 	$(BIN)/python -m benchmarks.scenes orbit
-	$(BIN)/python -m benchmarks.stated_probability film
-	$(BIN)/python -m benchmarks.stated_probability judge
-	$(BIN)/python -m benchmarks.stated_probability tell
+	$(BIN)/python -m benchmarks.reliability film
+	$(BIN)/python -m benchmarks.reliability score
+	$(BIN)/python -m benchmarks.reliability report
 	$(BIN)/python -m benchmarks.sfm
 	$(BIN)/python -m benchmarks.telemetry_offset
 	$(BIN)/python -m benchmarks.flow simulated
 	$(BIN)/python -m benchmarks.flow pairs
-	$(BIN)/python benchmarks/paper_experiments.py deflected
-	$(BIN)/python benchmarks/paper_experiments.py moving
+	$(BIN)/python -m benchmarks.paper deflected
+	$(BIN)/python -m benchmarks.paper moving
 	$(BIN)/python -m benchmarks.survey fusion
 	$(BIN)/python -m benchmarks.survey joining
 	$(BIN)/python -m benchmarks.robot offline

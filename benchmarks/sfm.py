@@ -1,6 +1,8 @@
 """Structure from motion on real photos, against ground truth, GPS or a published reconstruction.
 
-``python -m benchmarks.sfm [DATA_DIR] [--only NAME]`` prints a table. DATA_DIR holds `2_sfm/`.
+    python -m benchmarks.sfm [DATA_DIR] [--only NAME] [--json FILE]
+
+DATA_DIR holds `2_sfm/`. Prints a table; `--json` writes the same numbers, unrounded.
 """
 
 import argparse
@@ -148,9 +150,14 @@ def robust_align(source: FloatArray, target: FloatArray) -> Similarity:
 
 def main() -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.sfm",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("data", nargs="?", type=Path, default=DEFAULT_DATA)
-    parser.add_argument("--only", default="")
+    parser.add_argument("--only", default="", help="sets whose name holds this")
+    parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     sfm = arguments.data / "2_sfm"
@@ -171,6 +178,7 @@ def main() -> None:
         ),
         "fox": (fox / "images", against_poses(published_truth(fox / "transforms.json"))),
     }
+    every: dict[str, dict[str, float]] = {}
     for name, (images, measure) in sets.items():
         if arguments.only not in name:
             continue
@@ -184,7 +192,9 @@ def main() -> None:
                 print(f"{name:15} {error}")
                 continue
             cpu_s = time.process_time() - start
-            numbers = {k: round(v, 5) for k, v in measure(found, frames).items()}
+            measured = measure(found, frames)
+            every[name] = measured | {"registered": len(found.trajectory)}
+            numbers = {k: round(v, 5) for k, v in measured.items()}
             report = found.report
             print(
                 f"{name:15} {report['registered_frames']:3}/{len(frames):<3} "
@@ -195,6 +205,8 @@ def main() -> None:
                 f"sigma {report['residual_sigma_px']:.2f} px up {report['up_from']}",
                 flush=True,
             )
+    if arguments.json:
+        arguments.json.write_text(json.dumps(every))
 
 
 if __name__ == "__main__":

@@ -127,8 +127,12 @@ def report(name: str, runs: Iterable[tuple[float, TimeOffset | None]]) -> None:
     print(line)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.telemetry_offset",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--flights", type=int, default=40)
     seeds = range(FIRST_SEED, FIRST_SEED + parser.parse_args().flights)
     for metres in (0.1, 0.5, 1.0, 2.0):
@@ -137,3 +141,7 @@ if __name__ == "__main__":
     report("another flight, GPS 0.5 m", (one(seed, 0.5, unrelated=True) for seed in seeds))
     for degrees in (0.05, 0.3):
         report(f"gimbal turns, noise {degrees} deg", (one_turn(seed, degrees) for seed in seeds))
+
+
+if __name__ == "__main__":
+    main()

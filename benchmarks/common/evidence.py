@@ -17,7 +17,7 @@ SIGMA_PX = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Corruption:
+class EvidenceFaults:
     """What goes wrong between a true mask and what a detector says."""
 
     flipped_pixels: float = 0.10
@@ -27,13 +27,13 @@ class Corruption:
     rotation_sigma_deg: float = 0.1
 
 
-NONE = Corruption(
+NO_FAULTS = EvidenceFaults(
     flipped_pixels=0, missed_views=0, false_blobs=0, position_sigma_m=0, rotation_sigma_deg=0
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Truth:
+class ColumnTruth:
     """A slanted, widening column that rises from `source`."""
 
     source: FloatArray
@@ -49,9 +49,9 @@ class Truth:
         return np.asarray(direction / np.linalg.norm(direction))
 
 
-def random_truth(rng: np.random.Generator) -> Truth:
+def random_column(rng: np.random.Generator) -> ColumnTruth:
     """A column somewhere near the origin."""
-    return Truth(
+    return ColumnTruth(
         source=np.array([*rng.uniform(-1, 1, 2), 0.0]),
         slope=rng.uniform(-0.15, 0.15, 2),
         height=rng.uniform(1.8, 3.0),
@@ -60,7 +60,7 @@ def random_truth(rng: np.random.Generator) -> Truth:
     )
 
 
-def orbit(views: int, arc_deg: float, *, height_m: float = 2.0) -> Trajectory:
+def orbit_trajectory(views: int, arc_deg: float, *, height_m: float = 2.0) -> Trajectory:
     """Cameras on an arc about the origin, looking at a point 1.2 m above it."""
     angles = np.deg2rad(np.linspace(-arc_deg / 2, arc_deg / 2, views))
     centers = np.stack(
@@ -94,7 +94,9 @@ def _inverse_depth(trajectory: Trajectory, i: int) -> FloatArray:
     return 1 / (np.minimum(ground, np.where(wall > 0, wall, np.inf)) * rays[..., 2])
 
 
-def _bent(trajectory: Trajectory, i: int, truth: Truth, rng: np.random.Generator) -> FloatArray:
+def _column_displacement(
+    trajectory: Trajectory, i: int, truth: ColumnTruth, rng: np.random.Generator
+) -> FloatArray:
     """(H, W) displacement along x, px, by the column, which meanders anew in each view; 0 outside.
 
     Light is bent away from the axis, as the middle of a column of Gaussian profile does it.
@@ -123,11 +125,11 @@ def _bent(trajectory: Trajectory, i: int, truth: Truth, rng: np.random.Generator
     return np.asarray(mask * MOST_BENT_PX * from_axis * np.exp(0.5 - from_axis**2 / 2))
 
 
-def corrupted_views(
-    truth: Truth | None,
+def make_faulty_views(
+    truth: ColumnTruth | None,
     trajectory: Trajectory,
     rng: np.random.Generator,
-    corruption: Corruption = Corruption(),
+    corruption: EvidenceFaults = EvidenceFaults(),
 ) -> Views:
     """What a detector with these faults would say, and poses with these errors."""
     shape = (trajectory.camera.height, trajectory.camera.width)
@@ -135,7 +137,7 @@ def corrupted_views(
     displacement = np.zeros((len(trajectory), *shape, 2), np.float32)
     for i in range(len(trajectory)):
         if truth is not None and rng.random() >= corruption.missed_views:
-            displacement[i, ..., 0] = _bent(trajectory, i, truth, rng)
+            displacement[i, ..., 0] = _column_displacement(trajectory, i, truth, rng)
         mask = displacement[i, ..., 0] != 0
         if rng.random() < corruption.false_blobs:
             blob = np.zeros(shape, np.uint8)
@@ -148,7 +150,7 @@ def corrupted_views(
     inverse_depth = [_inverse_depth(trajectory, i) for i in range(len(trajectory))]
     llr = np.stack(maps)
     return Views(
-        trajectory=_shaken(trajectory, rng, corruption),
+        trajectory=_perturb_poses(trajectory, rng, corruption),
         llr=llr,
         inverse_depth=np.stack(inverse_depth).astype(np.float32),
         displacement=displacement,
@@ -157,7 +159,9 @@ def corrupted_views(
     )
 
 
-def _shaken(trajectory: Trajectory, rng: np.random.Generator, corruption: Corruption) -> Trajectory:
+def _perturb_poses(
+    trajectory: Trajectory, rng: np.random.Generator, corruption: EvidenceFaults
+) -> Trajectory:
     n = len(trajectory)
     turn = np.deg2rad(corruption.rotation_sigma_deg)
     rotations = (

@@ -17,11 +17,11 @@ import numpy as np
 
 from benchmarks.common.evidence import (
     RANGE_M,
-    Corruption,
-    Truth,
-    corrupted_views,
-    orbit,
-    random_truth,
+    ColumnTruth,
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
 )
 from geometry.errors import BadInputError
 from locate.fusion.fuse import fuse
@@ -53,22 +53,24 @@ def draw(
     return float(np.linalg.norm(error)), nees[0], nees[1], nees[2], float(axis), len(plumes) - 1
 
 
-def drawn_views(seed: int, arc_deg: float, count: int) -> tuple[Truth, Views]:
+def drawn_views(seed: int, arc_deg: float, count: int) -> tuple[ColumnTruth, Views]:
     rng = np.random.default_rng(seed)
-    truth = random_truth(rng)
-    return truth, corrupted_views(truth, orbit(count, arc_deg), rng)
+    truth = random_column(rng)
+    return truth, make_faulty_views(truth, orbit_trajectory(count, arc_deg), rng)
 
 
 def told_apart(seed: int, arc_deg: float, count: int, gap_m: float) -> bool:
     """Whether two like plumes are found, each nearer to its own source than to the middle."""
     rng = np.random.default_rng(seed)
-    first = random_truth(rng)
+    first = random_column(rng)
     turn = rng.uniform(0, 2 * np.pi)
     shift = gap_m * np.array([np.cos(turn), np.sin(turn), 0])
     second = replace(first, source=first.source + shift)
-    trajectory = orbit(count, arc_deg)
-    views = corrupted_views(first, trajectory, rng)
-    other = corrupted_views(second, trajectory, rng, Corruption(flipped_pixels=0, false_blobs=0))
+    trajectory = orbit_trajectory(count, arc_deg)
+    views = make_faulty_views(first, trajectory, rng)
+    other = make_faulty_views(
+        second, trajectory, rng, EvidenceFaults(flipped_pixels=0, false_blobs=0)
+    )
     llr = np.where(other.llr > 0, other.llr, views.llr)
     both = replace(
         views,

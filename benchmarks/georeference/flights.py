@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
-from geometry.georeference import Positions, Up
+from geometry.georeference import PositionConstraint, UpConstraint
 from geometry.similarity import Similarity
 
 SIGMAS_M = np.array([0.5, 0.5, 0.8])
@@ -32,16 +32,16 @@ class Survey:
     """A flight in a scene frame of its own, and what the receiver said."""
 
     scene_from_enu: Similarity
-    fixes: Positions
+    fixes: PositionConstraint
 
     @property
     def enu_from_scene(self) -> Similarity:
         return self.scene_from_enu.inverse()
 
-    def gravity(self, rng: np.random.Generator, sigma_rad: float) -> Up:
+    def gravity(self, rng: np.random.Generator, sigma_rad: float) -> UpConstraint:
         tilt = Rotation.from_rotvec([*rng.normal(size=2) * sigma_rad, 0.0]).as_matrix()
         up = self.scene_from_enu.rotation @ tilt @ [0.0, 0.0, 1.0]
-        return Up(name="gimbal", up_in_source=up, sigma_rad=sigma_rad)
+        return UpConstraint(name="gimbal", up_in_source=up, sigma_rad=sigma_rad)
 
 
 def survey(
@@ -69,7 +69,7 @@ def survey(
     fixes[wrong] += rng.uniform(-30, 30, size=(int(wrong.sum()), 3))
     return Survey(
         scene_from_enu=scene_from_enu,
-        fixes=Positions(
+        fixes=PositionConstraint(
             name="GPS",
             points_in_source=scene_from_enu(path),
             positions_in_target=fixes,

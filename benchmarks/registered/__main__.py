@@ -1,3 +1,3 @@
 from benchmarks.common.commands import run
 
-run(__package__, "pixels")
+run(__package__, "render", "table", "clips", "speed", "pixels")

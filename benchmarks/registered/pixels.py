@@ -27,13 +27,13 @@ SHIFT_PER_DEG = 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
-class Truth:
+class PixelTruth:
     displacement: FloatArray
     plume: BoolArray
     clear: BoolArray
 
     @classmethod
-    def load(cls, folder: Path, index: int) -> "Truth":
+    def load(cls, folder: Path, index: int) -> "PixelTruth":
         with np.load(folder / f"truth/{index:06d}.npz", allow_pickle=False) as file:
             displacement = file["displacement"].astype(float)
             surface = np.isfinite(file["depth"])
@@ -72,7 +72,7 @@ def detections(frames: Frames, count: int) -> Iterator[tuple[int, Detection, flo
 def row(folder: Path, frames: Frames, count: int) -> str:
     llrs, sizes, labels, errors, silence, false, seconds = [], [], [], [], [], [], []
     for index, detection, spent in detections(frames, count):
-        truth = Truth.load(folder, index)
+        truth = PixelTruth.load(folder, index)
         judged = truth.plume | truth.clear
         llrs.append(detection.llr[judged])
         sizes.append(np.linalg.norm(detection.displacement, axis=-1)[judged])

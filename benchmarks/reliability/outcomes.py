@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 
-from benchmarks.sensitivity.conditions import FOUND_SHARE
+from benchmarks.common.filmed import FOUND_SHARE
 from geometry.atomic import atomic_path
 
 EDGES = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0)

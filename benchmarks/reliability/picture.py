@@ -5,11 +5,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from benchmarks.common.plots import Colour, text
 from benchmarks.reliability.outcomes import Judged, Share
-from benchmarks.reliability.report import by_column, by_plume, found_over_limit, parted
-from benchmarks.sensitivity.conditions import text
+from benchmarks.reliability.tables import by_column, by_plume, found_over_limit, parted
 
-Colour = tuple[int, int, int]
 NATS = (0.3, 1, 3, 10, 30, 100)
 WIDTH, HEIGHT = 400, 300
 LEFT, RIGHT, TOP, BOTTOM = 50, 385, 40, 240

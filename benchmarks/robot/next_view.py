@@ -15,7 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common.evidence import Corruption, Truth, corrupted_views, orbit, random_truth
+from benchmarks.common.evidence import (
+    ColumnTruth,
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
@@ -173,7 +179,7 @@ class Suggested(Turning):
 POLICIES = {"suggested": Suggested, "turning": Turning, "fixed": Fixed}
 
 
-def error_in_sigmas(plume: Plume, truth: Truth) -> float:
+def error_in_sigmas(plume: Plume, truth: ColumnTruth) -> float:
     error = plume.source - truth.source
     return float(np.sqrt(error @ np.linalg.solve(plume.source_covariance, error)))
 
@@ -181,9 +187,9 @@ def error_in_sigmas(plume: Plume, truth: Truth) -> float:
 def views_needed(policy: Turning, seed: int) -> tuple[int, float]:
     """How many views until the largest sigma is below the goal, and the error then in sigmas."""
     rng = np.random.default_rng(seed)
-    truth = random_truth(rng)
-    corruption = Corruption()
-    first = corrupted_views(truth, orbit(FIRST_VIEWS, 15), rng, corruption)
+    truth = random_column(rng)
+    faults = EvidenceFaults()
+    first = make_faulty_views(truth, orbit_trajectory(FIRST_VIEWS, 15), rng, faults)
     known = Known(first)
     target = np.array([0.0, 0.0, 1.0])
     for count in range(FIRST_VIEWS, MOST_VIEWS):
@@ -195,7 +201,7 @@ def views_needed(policy: Turning, seed: int) -> tuple[int, float]:
         pose = policy.next(known.views, target, known.plume)
         where = trajectory([pose], first.trajectory)
         with np.errstate(invalid="ignore"):  # a plume behind the camera has no pixels
-            known.add(corrupted_views(truth, where, rng, corruption))
+            known.add(make_faulty_views(truth, where, rng, faults))
     return MOST_VIEWS, np.nan
 
 

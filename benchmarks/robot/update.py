@@ -13,7 +13,12 @@ from itertools import cycle
 
 import numpy as np
 
-from benchmarks.common.evidence import Corruption, corrupted_views, orbit, random_truth
+from benchmarks.common.evidence import (
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
@@ -53,8 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     rng = np.random.default_rng(options.seed)
-    truth = random_truth(rng)
-    views = corrupted_views(truth, orbit(KEPT, 60), rng, Corruption(missed_views=0))
+    truth = random_column(rng)
+    views = make_faulty_views(
+        truth, orbit_trajectory(KEPT, 60), rng, EvidenceFaults(missed_views=0)
+    )
     started = time.process_time()
     (plume,) = fuse(views, null=NULL).plumes
     print(f"search of {KEPT} views: {time.process_time() - started:.1f} CPU s")

@@ -1,3 +1,3 @@
 from benchmarks.common.commands import run
 
-run(__package__, "adapt")
+run(__package__, "table", "shift", "blobs", "speed", "adapt")

@@ -23,8 +23,8 @@ def pose_covariances(
 
     The formal covariance takes features for independent; those of one track share their error.
     With `INFLATION`, NEES per degree of freedom is about 0.4 on a rendered orbit and 5 on surveyed
-    photos with a known camera (-m benchmarks.sfm prints it). What a wrong camera model does
-    to all poses together, a principal point off the centre above all, is not in it.
+    photos with a known camera (`python -m benchmarks.sfm` prints it). What a wrong camera model
+    does to all poses together, a principal point off the centre above all, is not in it.
 
     Args:
         model: An adjusted reconstruction.

@@ -1,6 +1,5 @@
 """Real drone photos with real receivers, reconstructed anew."""
 
-import runpy
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,8 @@ import pytest
 from geometry.georeference import Alignment, Georeference, HeightDatum, fit_similarity
 from geometry.georeference.fixes import positions_of_cameras
 from geometry.georeference.gravity import up_from_gimbal, up_from_ground
-from geometry.sfm import Reconstruction
+from geometry.sfm import Reconstruction, reconstruct
+from locate.recording import open_recording, select_frames
 from locate.telemetry import TelemetryTrack, read_telemetry
 
 pytestmark = pytest.mark.slow
@@ -18,8 +18,16 @@ SIGMAS_M = (3.0, 3.0, 6.0)
 
 def reconstructed(folder: Path, workdir: Path) -> tuple[Reconstruction, TelemetryTrack]:
     """The scene, and the record of each of its frames."""
-    bench = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "sfm.py"))
-    found, frames = bench["run"](folder, workdir)
+    frames = select_frames(open_recording(folder), workdir / "frames")
+    found = reconstruct(
+        workdir / "frames",
+        frames.names,
+        frames.indices,
+        frames.times_s,
+        focal_prior_px=frames.focal_prior_px,
+        workdir=workdir / "sfm",
+        ordered=frames.is_video,
+    )
     source = {frame.name: frame.source for frame in frames.frames}
     track = read_telemetry(folder)
     return found, track.take(track.rows_of([source[name] for name in found.names]))

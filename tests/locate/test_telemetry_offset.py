@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.telemetry_offset import filmed, flight, one, recorded
 from geometry.errors import BadInputError
 from locate.telemetry import (
     estimate_offset,
@@ -12,6 +11,7 @@ from locate.telemetry import (
     path_speeds,
     path_turns_dps,
 )
+from tests.locate.simulated_flights import filmed, flight, one, recorded
 from tests.locate.test_telemetry import track
 
 FLIGHTS = range(1000, 1012)

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from benchmarks.warp_leak import networks as leak
+from benchmarks.warp_leak import networks, table, twins
 from detect.synthesis import Sample, shards_in
 
 SEEDS = 12
@@ -27,7 +27,7 @@ def photo(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def pairs(photo: Path) -> list[dict[str, Sample]]:
-    return [leak.twins(np.random.default_rng([4, i]), photo, ()) for i in range(SEEDS)]
+    return [twins.twins(np.random.default_rng([4, i]), photo, ()) for i in range(SEEDS)]
 
 
 def detail(image: np.ndarray) -> float:
@@ -48,8 +48,8 @@ def test_twins_share_scene_and_truth(pairs: list[dict[str, Sample]]) -> None:
 
 def test_only_the_bilinear_twin_loses_detail_when_it_moves(photo: Path) -> None:
     details = {
-        px: {way: detail(image) for way, image in leak.shifted(photo, 1, px).items()}
-        for px in leak.SHIFTS_PX
+        px: {way: detail(image) for way, image in twins.shifted(photo, 1, px).items()}
+        for px in table.SHIFTS_PX
     }
     assert details[0.0]["bilinear"] == details[0.0]["camera"]
     assert details[0.5]["bilinear"] < 0.8 * details[0.0]["bilinear"]
@@ -58,40 +58,40 @@ def test_only_the_bilinear_twin_loses_detail_when_it_moves(photo: Path) -> None:
 
 def test_noise_after_the_warp_has_its_size() -> None:
     grey = np.full((96, 96), 128, np.uint8)
-    noise = leak.noisy(grey, 3).astype(float) - 128
-    assert noise.std() == pytest.approx(leak.NOISE_AFTER, rel=0.05)
-    assert not np.array_equal(leak.noisy(grey, 3), leak.noisy(grey, 4))
+    noise = twins.noisy(grey, 3).astype(float) - 128
+    assert noise.std() == pytest.approx(twins.NOISE_AFTER, rel=0.05)
+    assert not np.array_equal(twins.noisy(grey, 3), twins.noisy(grey, 4))
 
 
 def test_blur_is_learnt_from_warped_photos_alone(
     photo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(leak, "STEPS", 300)
-    leak.write(tmp_path / "train", [photo], (), 40, seed=0)
-    leak.write(tmp_path / "test", [photo], (), 24, seed=1)
+    monkeypatch.setattr(networks, "STEPS", 300)
+    twins.write(tmp_path / "train", [photo], (), 40, seed=0)
+    twins.write(tmp_path / "test", [photo], (), 24, seed=1)
     strong = {}
-    for way in leak.WAYS:
-        ask = leak.perceptron(tmp_path / f"train-{way}")
+    for way in twins.WAYS:
+        ask = networks.perceptron(tmp_path / f"train-{way}")
         samples = [s for shard in shards_in(tmp_path / f"test-{way}")
                    for s in map(shard.sample, range(len(shard)))]  # fmt: skip
         maps = [ask(sample.image) for sample in samples]
         score, said = (np.array(each) for each in zip(*maps, strict=True))
         sizes = np.array([np.linalg.norm(s.displacement, axis=-1) for s in samples])
         everything = {"all": np.ones(len(samples), dtype=bool)}
-        strong[way] = float(leak.judged(score, said, sizes, everything)[1])
+        strong[way] = float(table.judged(score, said, sizes, everything)[1])
     assert strong["bilinear"] > 0.8
     assert 0.35 < strong["camera"] < 0.65
 
 
-@pytest.mark.parametrize("kind", leak.UNETS)
+@pytest.mark.parametrize("kind", networks.UNETS)
 def test_a_unet_is_trained_once_and_answers_at_the_images_size(
     photo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    leak.write(tmp_path / "train", [photo], (), 4, seed=0)
+    twins.write(tmp_path / "train", [photo], (), 4, seed=0)
     image = np.random.default_rng(0).integers(0, 256, (96, 96), dtype=np.uint8)
-    first = leak.unet(kind, tmp_path / "train-camera", 2)(image)
-    monkeypatch.setattr(leak, "train", None)
-    again = leak.unet(kind, tmp_path / "train-camera", 2)(image)
+    first = networks.unet(kind, tmp_path / "train-camera", 2)(image)
+    monkeypatch.setattr(networks, "train", None)
+    again = networks.unet(kind, tmp_path / "train-camera", 2)(image)
     for one, other in zip(first, again, strict=True):
         assert one.shape == image.shape
         np.testing.assert_array_equal(one, other)

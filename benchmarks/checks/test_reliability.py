@@ -7,31 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.reliability.outcomes import NOTHING, Judged, Share, Stated, binned
-from benchmarks.reliability.picture import along, picture, row
-from benchmarks.reliability.recordings import (
-    FLOWS,
-    SEEDS,
-    Place,
-    axis_of,
-    chance,
-    flow_of,
-    scene_of,
-    strongest,
-)
-from benchmarks.reliability.report import found_over_limit, log_loss, report
-from detect.calibration import logistic
-from geometry.arrays import FloatArray
-from locate.fusion.search.null import NullLevel
-from locate.fusion.views import Views
-from locate.simulation.evidence import (
+from benchmarks.common.evidence import (
     ColumnTruth,
     make_faulty_views,
     orbit_trajectory,
     random_column,
 )
+from benchmarks.reliability.answers import Place, axis_of, chance, strongest
+from benchmarks.reliability.outcomes import NOTHING, Judged, Share, Stated, binned
+from benchmarks.reliability.picture import along, picture, row
+from benchmarks.reliability.recordings import FLOWS, SEEDS, flow_of, scene_of
+from benchmarks.reliability.tables import found_over_limit, log_loss, report
+from benchmarks.survey.sightings import plume_at
+from detect.calibration import logistic
+from geometry.arrays import FloatArray
+from locate.fusion.search.null import NullLevel
+from locate.fusion.views import Views
 from locate.simulation.scene import PlumeSpec
-from tests.locate import answers
 
 NEAR, FAR = 0.1, 0.3
 
@@ -187,12 +179,19 @@ def test_silence_is_no_column(views: Views, truth: ColumnTruth) -> None:
 
 
 def test_a_plume_of_the_map_is_held_against_the_truth() -> None:
-    plume = answers.plume()
+    leaning = np.array([0.1, 0.0, 1.0])
+    plume = replace(
+        plume_at(np.array([0.3, -0.2, 0.1])),
+        axis=leaning / np.linalg.norm(leaning),
+        extent_low=0.1,
+        extent_high=2.0,
+    )
+    views = orbit_trajectory(12, 60)
     column = axis_of(plume)
     top = plume.source + plume.extent_high * plume.axis
     assert column.axis_points(np.array([column.height]))[0] == pytest.approx(top)
-    there = Place.of(leak_at(plume.source, 3.0), answers.orbit())
-    beside = Place.of(leak_at(plume.source - [0.5, 0, 0], 3.0), answers.orbit())
+    there = Place.of(leak_at(plume.source, 3.0), views)
+    beside = Place.of(leak_at(plume.source - [0.5, 0, 0], 3.0), views)
     assert there.off(column) == pytest.approx(0, abs=1e-9)
     assert beside.off(column) == pytest.approx(0.5 / beside.range_m)
     assert there.stated(plume).probability == plume.probability

@@ -5,19 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.paper import experiments as paper
+from benchmarks.paper import plate, rows
 from detect.detection import Detection
+from detect.synthesis.camera import MARGIN_PX
 
 SHAPE = (40, 60)
 
 
 @pytest.fixture
-def seen() -> paper.Seen:
+def seen() -> rows.Seen:
     """A plume on the left half, 0.3 px to the right, and a method that knows it."""
     truth = np.zeros((*SHAPE, 2), np.float32)
     truth[:, :30, 0] = 0.3
     llr = np.where(truth[..., 0] > 0, np.float32(3), np.float32(-1))
-    return paper.Seen(
+    return rows.Seen(
         image=np.zeros(SHAPE, np.uint8),
         truth=truth,
         answer=Detection(displacement=truth.copy(), sigma_px=np.ones(SHAPE), llr=llr),
@@ -26,17 +27,17 @@ def seen() -> paper.Seen:
     )
 
 
-def cells(*frames: paper.Seen) -> list[str]:
-    return [cell.strip() for cell in paper.row(frames).split("|")]
+def cells(*frames: rows.Seen) -> list[str]:
+    return [cell.strip() for cell in rows.row(frames).split("|")]
 
 
-def test_a_perfect_answer(seen: paper.Seen) -> None:
+def test_a_perfect_answer(seen: rows.Seen) -> None:
     assert cells(seen, seen) == [
         "2", "0.0000 / 0.1500", "0.000 / 0.300", "1.00", "1.000", "1.00", "1.00", "1.00", "",
     ]  # fmt: skip
 
 
-def test_silence_has_an_error_of_the_plumes_own_size(seen: paper.Seen) -> None:
+def test_silence_has_an_error_of_the_plumes_own_size(seen: rows.Seen) -> None:
     nothing = Detection(
         displacement=np.zeros_like(seen.truth), sigma_px=np.ones(SHAPE), llr=np.zeros(SHAPE)
     )
@@ -45,7 +46,7 @@ def test_silence_has_an_error_of_the_plumes_own_size(seen: paper.Seen) -> None:
     ]  # fmt: skip
 
 
-def test_objects_do_not_count_and_their_surroundings_are_told(seen: paper.Seen) -> None:
+def test_objects_do_not_count_and_their_surroundings_are_told(seen: rows.Seen) -> None:
     answer = replace(seen.answer, displacement=seen.truth.copy())
     answer.displacement[:10] += 7
     answer.displacement[10:12, :, 1] = 2
@@ -56,36 +57,34 @@ def test_objects_do_not_count_and_their_surroundings_are_told(seen: paper.Seen) 
 
 
 def test_the_plate_hides_the_lattice_where_it_stands_and_nothing_else() -> None:
-    moved = paper.SETUPS[3]
-    y, x = np.mgrid[: paper.SIZE_PX, : paper.SIZE_PX].astype(float)
+    moved = plate.SETUPS[3]
+    y, x = np.mgrid[: plate.SIZE_PX, : plate.SIZE_PX].astype(float)
     now, then, absent = (
-        paper.objects(moved, shift)(x, y) for shift in (0.0, moved.reference_shift_px, None)
+        plate.objects(moved, shift)(x, y) for shift in (0.0, moved.reference_shift_px, None)
     )
     assert not (absent & ~now).any()
-    plate = now & ~absent
-    assert 3 * 16 * paper.CELL_PX**2 <= plate.sum() < 0.02 * plate.size
-    right, down = round(paper.MOVED_PX), round(paper.MOVED_PX)
+    solid = now & ~absent
+    assert 3 * 16 * plate.CELL_PX**2 <= solid.sum() < 0.02 * solid.size
+    right, down = round(plate.MOVED_PX), round(plate.MOVED_PX)
     back = np.roll(then & ~absent, (-down, -right), axis=(0, 1))
-    assert (back != plate)[:, : -2 * right].mean() < 1e-3
+    assert (back != solid)[:, : -2 * right].mean() < 1e-3
 
 
 def test_a_potential_stands_on_the_heat_source() -> None:
     x, z = np.meshgrid(np.arange(48.0), np.arange(96.0), indexing="ij")
     excess = np.exp(-((x - 23.5) ** 2) / 18 - ((z - 40) ** 2) / 50).astype(np.float32)
-    w = paper.in_frame(excess)[
-        paper.MARGIN_PX : -paper.MARGIN_PX, paper.MARGIN_PX : -paper.MARGIN_PX
-    ]
-    assert w.shape == (paper.SIZE_PX, paper.SIZE_PX, 2)
-    row = round(paper.SIZE_PX - paper.BASE_PX - 40 * paper.CELL_PX)
-    middle = paper.SIZE_PX // 2
+    w = plate.in_frame(excess)[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
+    assert w.shape == (plate.SIZE_PX, plate.SIZE_PX, 2)
+    row = round(plate.SIZE_PX - plate.BASE_PX - 40 * plate.CELL_PX)
+    middle = plate.SIZE_PX // 2
     assert np.linalg.norm(w[row, middle]) < 0.1 * np.abs(w).max()
     assert w[row, middle - 20, 0] > 0 > w[row, middle + 20, 0]
     assert w[row - 20, middle, 1] > 0 > w[row + 20, middle, 1]
 
 
-def test_an_answer_is_drawn_at_the_scale_of_its_truth(seen: paper.Seen) -> None:
+def test_an_answer_is_drawn_at_the_scale_of_its_truth(seen: rows.Seen) -> None:
     side = 40
-    shown = paper.strip(seen.image, seen.truth, seen.truth / 3, 3 * seen.truth, side=side)
+    shown = rows.strip(seen.image, seen.truth, seen.truth / 3, 3 * seen.truth, side=side)
     width = shown.shape[1] // 4
     saturations = [255 - shown[side - 5, k * width + 10].min() for k in (1, 2, 3)]
     assert saturations == [255, pytest.approx(85, abs=2), 255]

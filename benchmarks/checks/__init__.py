@@ -1,0 +1,1 @@
+"""Whether the benchmarks compute what they say: `python -m benchmarks.checks [PYTEST OPTIONS]`."""

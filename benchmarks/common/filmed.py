@@ -1,0 +1,95 @@
+"""A scene filmed from a moving camera, and what is measured of its key frames; kept in a file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from detect.detection import Frames
+from detect.registered import RegisteredDetector
+from detect.registered.measure import Measurement
+from geometry.arrays import BoolArray, FloatArray, FloatMap
+from geometry.npz import open_arrays, save_arrays
+from geometry.trajectory import Trajectory
+from locate.simulation.camera_paths import fly
+from locate.simulation.capture import Take, film
+from locate.simulation.clips import disturbed
+from locate.simulation.scene import Scene
+from locate.simulation.writer import LARGEST_HALF
+
+POSE_ERROR_DEG = 0.03
+ENDS = 4
+STILL_PX, PLUME_SHARE = 0.01, 0.3
+FOUND_SHARE = 0.15
+
+
+def record(take: Take, count: int, path: Path) -> None:
+    """Renders a take and writes `count` key frames, what was measured of them, and the truth."""
+    footage = film(take)
+    told = disturbed(footage.trajectory, take.scene.random(13), POSE_ERROR_DEG)
+    frames = Frames(images=footage.images, trajectory=told)
+    keys = np.linspace(ENDS, len(frames) - 1 - ENDS, count).round().astype(int)
+    detector = RegisteredDetector()
+    measured = [(key, detector.measure(frames, int(key))) for key in keys]
+    known = [(key, *answer) for key, answer in measured if answer is not None]
+    arrays = {
+        name: np.stack([getattr(m, name) for _, m, _ in known]).clip(-LARGEST_HALF, LARGEST_HALF)
+        for name in Measurement.__dataclass_fields__
+    }
+    truths = [footage.truths[key] for key, _, _ in known]
+    save_arrays(
+        path,
+        keys=np.array([key for key, _, _ in known]),
+        inverse_depth_units=np.array([unit for _, _, unit in known]),
+        images=np.stack([footage.images[key] for key, _, _ in known]),
+        truth=np.stack([t.displacement for t in truths]).astype(np.float16),
+        surface=np.stack([np.isfinite(t.depth) for t in truths]),
+        **{name: map_.astype(np.float16) for name, map_ in arrays.items()},
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """What `record` wrote, and the poses that the chain is told, of the key frames."""
+
+    images: np.ndarray
+    measurements: list[Measurement]
+    inverse_depth_units: FloatArray
+    truth: FloatMap
+    surface: BoolArray
+    trajectory: Trajectory
+    scene: Scene
+
+    @classmethod
+    def load(cls, path: Path, take: Take) -> "Recorded":
+        with open_arrays(path, "a filmed sequence") as file:
+            maps = {n: file[n].astype(np.float32) for n in Measurement.__dataclass_fields__}
+            count = len(file["keys"])
+            block = take.scene.camera
+            focal_px = block.focal_px * take.focal_factor
+            camera = block.model_copy(update={"radial": 0.0, "focal_px": focal_px})
+            told = replace(fly(take.scene), camera=camera.build())
+            return cls(
+                images=file["images"],
+                measurements=[
+                    Measurement(**{name: map_[k] for name, map_ in maps.items()})
+                    for k in range(count)
+                ],
+                inverse_depth_units=file["inverse_depth_units"],
+                truth=file["truth"].astype(np.float32),
+                surface=file["surface"],
+                trajectory=disturbed(told, take.scene.random(13), POSE_ERROR_DEG).take(
+                    file["keys"]
+                ),
+                scene=take.scene,
+            )
+
+
+def labels(sequence: Recorded, rows: Sequence[int]) -> tuple[BoolArray, BoolArray]:
+    """(K, H, W) plume, and which pixels count."""
+    size = np.linalg.norm(sequence.truth[rows], axis=-1)
+    amplitude_px = max((p.amplitude_px or 0.0 for p in sequence.scene.plumes), default=0.0)
+    positive = size > max(PLUME_SHARE * amplitude_px, STILL_PX)
+    surface = sequence.surface[rows]
+    return positive & surface, surface & (positive | (size < STILL_PX))

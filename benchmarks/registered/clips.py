@@ -1,0 +1,31 @@
+"""Both contenders on training clips, by strength."""
+
+import argparse
+from collections import defaultdict
+from pathlib import Path
+
+from benchmarks.registered.bins import print_reliability
+from benchmarks.registered.tally import Tally
+from detect.learning.clips import KINDS, TrainingClip, clip_seed
+from detect.learning.registered_calibration import chosen
+from detect.registered.learned import Reader
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("network", type=Path)
+    parser.add_argument("lessons", type=Path, nargs="+")
+    parser.add_argument("--seeds", type=int, nargs=2, action="append", default=[])
+
+
+def main(options: argparse.Namespace) -> None:
+    reader = Reader(options.network)
+    tallies: defaultdict[str, Tally] = defaultdict(lambda: Tally(reader))
+    for path in chosen(options.lessons, options.seeds):
+        clip = TrainingClip.load(path)
+        tallies[KINDS[clip.kind]].add(clip, clip_seed(path))
+    print("| strength | contender | AUROC | AP | EPE / of zero, px | llr > 1 in plumes "
+          "| outside |\n|" + "---|" * 7)  # fmt: skip
+    for kind in sorted(tallies, key=KINDS.index):
+        for row in tallies[kind].rows():
+            print(f"| {kind} | {row} |", flush=True)
+    print_reliability(tallies)

@@ -1,0 +1,52 @@
+"""CPU time of the network and of a key frame; give it one thread."""
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.scenes.limit import recorded
+from detect.registered.detector import RegisteredDetector, displacement_sigma
+from detect.registered.features import FEATURES, features
+from detect.registered.learned import Reader
+from locate.pipeline.detections import spread_rows
+from locate.pipeline.points import load_points
+
+KEY_FRAMES = 16
+
+
+def cost(name: str, work: Callable[[], object], times: int) -> None:
+    spent = []
+    for _ in range(times):
+        start = time.process_time()
+        work()
+        spent.append(1000 * (time.process_time() - start))
+    print(f"{name}: {min(spent):.1f} ms of CPU at best, median {np.median(spent):.1f}")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("network", type=Path)
+    parser.add_argument("--run", type=Path)
+
+
+def main(options: argparse.Namespace) -> None:
+    reader = Reader(options.network)
+    inputs = np.random.default_rng(0).normal(size=(len(FEATURES), 480, 640)).astype(np.float32)
+    cost("network at 640 x 480", lambda: reader.network(inputs), 20)
+    cost("with what is made of it", lambda: reader.read(inputs), 20)
+    if options.run is None:
+        return
+    frames = recorded(options.run, options.run / "frames").frames()
+    points = load_points(options.run / "points.npz")
+    detector = RegisteredDetector(points_in_world=points, weights=options.network)
+    rows = iter([*spread_rows(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)
+
+    def measured() -> None:
+        found = detector.measure(frames, next(rows))
+        assert found is not None
+        features(found[0], displacement_sigma(found[0]))
+
+    cost("a key frame's measurement and features", measured, KEY_FRAMES)
+    cost("a key frame in all", lambda: detector.detect(frames, next(rows)), KEY_FRAMES)

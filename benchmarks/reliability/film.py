@@ -1,0 +1,20 @@
+"""Renders the recordings and measures their key frames; keeps what the work folder holds."""
+
+import argparse
+
+from benchmarks.common.filmed import record
+from benchmarks.reliability.recordings import KEYS, add_recording_arguments, chosen, scene_of
+from locate.simulation.capture import Take
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_recording_arguments(parser)
+
+
+def main(options: argparse.Namespace) -> None:
+    options.work.mkdir(parents=True, exist_ok=True)
+    for seed in chosen(options):
+        path = options.work / f"{seed}.npz"
+        if not path.exists():
+            record(Take(scene=scene_of(seed)), KEYS, path)
+            print(seed, flush=True)

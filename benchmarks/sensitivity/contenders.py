@@ -1,0 +1,38 @@
+"""The detectors that are compared."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.common.filmed import Recorded
+from detect.detection import Detection, Frames
+from detect.dybs import DybsDetector
+from detect.fused import SHARED, fused
+from detect.kinds import DYBS, REGISTERED
+from detect.registered import RegisteredDetector
+
+
+class Contenders:
+    """Whoever judges; `learned` and `fused` where weights are installed or given."""
+
+    def __init__(self, weights: Path | None) -> None:
+        self._plain = RegisteredDetector()
+        learned = REGISTERED.find_weights(weights)
+        self._learned = None if learned is None else RegisteredDetector(weights=learned)
+        dybs = DYBS.find_weights()
+        self._dybs = None if dybs is None else DybsDetector(dybs)
+
+    def judge(self, sequence: Recorded, rows: Sequence[int]) -> dict[str, list[Detection]]:
+        """The detections of some key frames, by contender."""
+        told = defaultdict(list)
+        for k in rows:
+            measured = sequence.measurements[k], float(sequence.inverse_depth_units[k])
+            told["plain"].append(self._plain.judge(*measured))
+            best = told["plain"][-1]
+            if self._learned is not None:
+                best = self._learned.judge(*measured)
+                told["learned"].append(best)
+            if self._dybs is not None:
+                told["dybs"].append(self._dybs.detect(Frames(images=list(sequence.images)), k))
+                told["fused"].append(fused(best, told["dybs"][-1], SHARED))
+        return told

@@ -1,0 +1,85 @@
+"""CPU time of one thread."""
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.single_frame.contenders import planes
+from benchmarks.single_frame.photos import detected, photo
+from detect.dybs import DybsDetector
+from detect.dybs.demodulation import demodulate_lattice
+from detect.dybs.edges import measure_edges
+from detect.dybs.pattern_measurement import measure_pattern
+from detect.dybs.refinement import RefinementNetwork
+from detect.network import Network
+from detect.synthesis.raster import photos_in
+from detect.texture import texture_classes
+from geometry.arrays import GreyImage
+
+SHAPE = (480, 640)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--networks", nargs="+", type=Path, required=True)
+    parser.add_argument("--photos", type=Path)
+    parser.add_argument("--paper", action="store_true")
+
+
+def main(options: argparse.Namespace) -> None:
+    """CPU time of one thread."""
+    image = np.random.default_rng(0).integers(0, 256, SHAPE, dtype=np.uint8)
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    checks = 120 + 60 * np.sin(0.7 * x + 0.1 * y) * np.sin(0.7 * y - 0.1 * x)
+    lattice = (checks + image / 100).astype(np.uint8)
+    whole = {"on noise": image, "all a lattice": lattice}
+    for path in photos_in(options.photos, "test")[:1] if options.photos else []:
+        size = SHAPE[::-1]
+        whole["on a photo"] = cv2.resize(photo(path), size, interpolation=cv2.INTER_AREA)
+    print("| what, 640 x 480, one thread | CPU ms, median | fastest |\n|---|---|---|")
+    for path in options.networks:
+        network, detector = Network(path), DybsDetector(path)
+        timed(f"{network.name}, onnxruntime", lambda n=network: n(planes(image)))
+        for name, seen in whole.items():
+            timed(f"dybs with it, {name}", lambda d=detector, i=seen: detected(d, i))
+    timed("texture classes", lambda: texture_classes(image))
+    timed("demodulation, all a lattice", lambda: demodulate_lattice(lattice, np.ones(SHAPE, bool)))
+    for name, seen in whole.items():
+        if seen is not lattice:
+            timed(f"edges, {name}", lambda i=seen: measure_edges(i))
+    measured, judge = measure_pattern(lattice, texture_classes(lattice)), RefinementNetwork()
+    timed("judge, onnxruntime", lambda: judge(measured, SHAPE))
+    if options.paper:
+        time_paper(image)
+
+
+def time_paper(image: GreyImage) -> None:
+    """The paper's network with random weights, 64 channels wide."""
+    import tempfile
+
+    import torch
+
+    from detect.learning.export import save
+    from detect.learning.networks import PaperUNet
+
+    torch.set_num_threads(1)
+    network = PaperUNet().eval()
+    with tempfile.TemporaryDirectory() as scratch, torch.inference_mode():
+        tensor = torch.from_numpy(planes(image)[None])
+        timed("the paper's network, torch", lambda: network(tensor), times=3)
+        path = save(network, Path(scratch) / "paper.onnx", "paper", 1, {})
+        exported = Network(path)
+        timed("the paper's network, onnxruntime", lambda: exported(planes(image)), times=3)
+
+
+def timed(name: str, work: Callable[[], object], times: int = 15) -> None:
+    work()
+    spent = []
+    for _ in range(times):
+        start = time.process_time()
+        work()
+        spent.append(1000 * (time.process_time() - start))
+    print(f"| {name} | {np.median(spent):.0f} | {min(spent):.0f} |", flush=True)
