@@ -32,37 +32,38 @@ def detect(
     camera: Annotated[
         Path | None, typer.Option(help="A JSON file with a camera block as in trajectory.json.")
     ] = None,
-    every: Annotated[int, typer.Option(min=1, help="Look at one of so many frames.")] = 1,
+    every: Annotated[int, typer.Option(min=1, help="Measure one of so many frames.")] = 1,
     threshold: Annotated[
         float | None, typer.Option(help="Evidence in nats above which a pixel is in the mask.")
     ] = None,
 ) -> None:
     """Show what bends light in every frame: displacement, evidence, masks, pictures."""
     from detect.registry import make_detector
-    from locate.pipeline.frame_by_frame import MASK_NATS, look
+    from locate.pipeline.frame_by_frame import MASK_NATS, detect_frames
     from locate.recording.images import read_grey
 
-    seeing = make_detector(
+    method = make_detector(
         detector,
         weights=weights,
         reference=None if reference is None else read_grey(reference),
     )
     with interruptible(), progress_bars(err) as report:
-        seen = look(
+        summaries = detect_frames(
             source,
             output,
-            seeing,
+            method,
             poses=poses,
             camera=camera,
             every=every,
             threshold_nats=MASK_NATS if threshold is None else threshold,
             report=report,
         )
-    strongest = max(seen, key=lambda one: one.largest_px)
-    hits = sum(one.mask_share > 0 for one in seen)
-    judged = sum(one.judged_share for one in seen) / len(seen)
+    strongest = max(summaries, key=lambda one: one.largest_px)
+    hits = sum(one.mask_share > 0 for one in summaries)
+    measured = sum(one.judged_share for one in summaries) / len(summaries)
     out.print(
-        f"Evidence in {hits} of {len(seen)} frames; {detector} judges {judged:.0%} of pixels."
+        f"Evidence in {hits} of {len(summaries)} frames; {detector} measures {measured:.0%} of "
+        "pixels."
     )
     if hits:
         out.print(f"Largest displacement: {strongest.largest_px:.2f} px in {strongest.frame}.")

@@ -1,4 +1,4 @@
-"""Every frame of a recording, looked at by one detector; what it saw, as files and pictures."""
+"""Every frame of a recording, through one detector; the results as files and pictures."""
 
 import json
 from collections.abc import Iterator
@@ -23,20 +23,21 @@ from locate.recording.recording import ANY_SIDE, open_recording
 from locate.recording.writer import open_video
 
 SCHEMA = "locate.detections/1"
-INDEX, VIDEO, WORKSHOP = "index.json", "overlay.mp4", ".frames"
+INDEX, VIDEO, SCRATCH = "index.json", "overlay.mp4", ".frames"
 FOLDERS = ("detections", "masks", "pictures")
 MASK_NATS = 2.0
+"""A pixel with more evidence is in the mask, unless another level is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class FrameSummary:
     """One frame in figures.
 
     Attributes:
         frame: Name of its files.
         largest_px: The largest displacement in its mask; 0 without one.
         mask_share: Share of its pixels in the mask.
-        judged_share: Share of its pixels that the detector says anything about.
+        judged_share: Share of its pixels that hold evidence for or against.
     """
 
     frame: str
@@ -45,7 +46,7 @@ class Seen:
     judged_share: float
 
     @classmethod
-    def of(cls, frame: str, detection: Detection, threshold_nats: float) -> "Seen":
+    def of(cls, frame: str, detection: Detection, threshold_nats: float) -> "FrameSummary":
         """The figures of a detection."""
         mask = detection.llr > threshold_nats
         size = np.linalg.norm(detection.displacement[mask], axis=-1)
@@ -58,7 +59,7 @@ class Seen:
 
 
 @with_one_blas_thread
-def look(
+def detect_frames(
     path: Path,
     output: Path,
     detector: Detector,
@@ -68,51 +69,51 @@ def look(
     every: int = 1,
     threshold_nats: float = MASK_NATS,
     report: Report = silent,
-) -> list[Seen]:
+) -> list[FrameSummary]:
     """Writes detections, masks, pictures and a video of every frame.
 
     Args:
         path: An image, a folder of photos or a video.
         output: The folder to write; one that an earlier call wrote is written anew.
-        detector: Looks at the frames.
+        detector: Measures the frames.
         poses: Of the frames, for a detector that needs them; frames without one are left out.
         camera: A JSON file with the camera of the poses.
-        every: Of so many frames, one is looked at.
+        every: Of so many frames, one is measured.
         threshold_nats: A pixel with more evidence is in the mask.
-        report: Told how far it is.
+        report: Takes the progress.
 
     Raises:
         BadInputError: Something given cannot be used, or OUTPUT holds something else.
     """
     recording = open_recording(path, max_side=ANY_SIDE)
-    with _claimed(output) as workshop:
-        files = FrameFiles.of(recording, workshop, every=every)
+    with _claim_folder(output) as scratch:
+        files = FrameFiles.of(recording, scratch, every=every)
         if poses is None:
             frames = files.frames()
         else:
             files, frames = files.with_poses(poses, camera)
-        seen = _look(frames, files, detector, output, threshold_nats, report)
+        summaries = _detect_each(frames, files, detector, output, threshold_nats, report)
     content = {
         "schema": SCHEMA,
         "detector": detector.name,
         "threshold_nats": threshold_nats,
-        "frames": [asdict(one) for one in seen],
+        "frames": [asdict(one) for one in summaries],
         "notes": recording.warnings,
     }
     write_text_atomic(output / INDEX, json.dumps(content, indent=1))
-    return seen
+    return summaries
 
 
-def _look(
+def _detect_each(
     frames: Frames,
     files: FrameFiles,
     detector: Detector,
     output: Path,
     threshold_nats: float,
     report: Report,
-) -> list[Seen]:
+) -> list[FrameSummary]:
     sizes = {image.shape for image in frames.images}
-    seen = []
+    summaries = []
     with ExitStack() as stack:
         video = None
         if len(frames) > 1 and len(sizes) == 1:
@@ -122,15 +123,15 @@ def _look(
         for index, label in enumerate(files.labels):
             report("detections", index / len(frames))
             detection = detector.detect(frames, index)
-            _save(detection, output, label, threshold_nats)
-            seen.append(Seen.of(label, detection, threshold_nats))
+            _write_detection(detection, output, label, threshold_nats)
+            summaries.append(FrameSummary.of(label, detection, threshold_nats))
             if video is not None:
                 video.write(overlay_evidence(frames.images[index], detection.llr, LLR_MAX))
     report("detections", 1.0)
-    return seen
+    return summaries
 
 
-def _save(detection: Detection, output: Path, label: str, threshold_nats: float) -> None:
+def _write_detection(detection: Detection, output: Path, label: str, threshold_nats: float) -> None:
     with atomic_path(output / "detections" / f"{label}.npz") as unfinished:
         detection.save(unfinished)
     mask = np.where(detection.llr > threshold_nats, np.uint8(255), np.uint8(0))
@@ -141,31 +142,31 @@ def _save(detection: Detection, output: Path, label: str, threshold_nats: float)
 
 
 @contextmanager
-def _claimed(output: Path) -> Iterator[Path]:
+def _claim_folder(output: Path) -> Iterator[Path]:
     """Empties OUTPUT of an earlier call's files; gives a folder that is gone afterwards."""
     try:
         output.mkdir(parents=True, exist_ok=True)
-        if any(output.iterdir()) and not _is_ours(output / INDEX):
+        if any(output.iterdir()) and not _was_written_here(output / INDEX):
             raise BadInputError(
                 f"{output}: not empty and not written by locate detect; "
                 "choose another folder with -o"
             )
-        for name in (*FOLDERS, VIDEO, WORKSHOP):
+        for name in (*FOLDERS, VIDEO, SCRATCH):
             remove_inside(output, name)
         write_text_atomic(output / INDEX, json.dumps({"schema": SCHEMA, "frames": []}))
-        for name in (*FOLDERS, WORKSHOP):
+        for name in (*FOLDERS, SCRATCH):
             (output / name).mkdir()
     except OSError as error:
         raise BadInputError(
             f"{output}: cannot be written ({error.strerror}); choose another folder with -o"
         ) from error
     try:
-        yield output / WORKSHOP
+        yield output / SCRATCH
     finally:
-        remove_inside(output, WORKSHOP)
+        remove_inside(output, SCRATCH)
 
 
-def _is_ours(index: Path) -> bool:
+def _was_written_here(index: Path) -> bool:
     try:
         content: Any = json.loads(index.read_text())
     except (OSError, ValueError):

@@ -57,8 +57,8 @@ class KnownDistance(BaseModel):
             field, what = first_complaint(error)
             raise BadInputError(f"{path}: {field or 'distance'}: {what}") from error
 
-    def scale(self, trajectory: Trajectory, rows: Mapping[str, int]) -> ScaleConstraint:
-        """What it says of a reconstruction.
+    def constrain_scale(self, trajectory: Trajectory, rows: Mapping[str, int]) -> ScaleConstraint:
+        """The scale of a reconstruction by this distance.
 
         Args:
             trajectory: The cameras.
@@ -97,7 +97,7 @@ class KnownDistance(BaseModel):
 
 @dataclass(frozen=True, kw_only=True)
 class KnownLengths:
-    """What was said of sizes, checked before anything is done.
+    """What is known of sizes, checked before anything is done.
 
     Attributes:
         board: A board of ``cv2.aruco``, or None.
@@ -123,10 +123,10 @@ class KnownLengths:
             distance=None if distance is None else KnownDistance.load(distance),
         )
 
-    def scales(
+    def constrain_scale(
         self, trajectory: Trajectory, folder: Path, names: Sequence[str]
     ) -> list[ScaleConstraint]:
-        """What the lengths say of a reconstruction.
+        """The scale of a reconstruction by each of the lengths.
 
         Args:
             trajectory: N cameras.
@@ -142,7 +142,7 @@ class KnownLengths:
             scales.append(scale_from_board(trajectory, sightings))
         if self.distance is not None:
             rows = {name: row for row, name in enumerate(names)}
-            scales.append(self.distance.scale(trajectory, rows))
+            scales.append(self.distance.constrain_scale(trajectory, rows))
         return scales
 
 

@@ -21,7 +21,7 @@ from locate.pipeline.place_by_track import place_by_track
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points, save_points
 from locate.pipeline.poses import names_of
-from locate.pipeline.source import Source
+from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.telemetry import (
     read_telemetry,
@@ -32,7 +32,7 @@ CAMERA_HEIGHT_SIGMA = 0.05
 
 
 def place_run(
-    source: Source,
+    source: RecordingSource,
     key_frames: KeyFrames,
     lengths: KnownLengths,
     files: RunFiles,
@@ -41,7 +41,7 @@ def place_run(
     """Turns and scales a reconstruction to what is known of its place; returns a summary.
 
     Args:
-        source: What its user says of it.
+        source: What its user states of it.
         key_frames: The frames.
         lengths: Known sizes in the scene.
         files: The run folder with the reconstruction.
@@ -59,7 +59,7 @@ def place_run(
         asked=source.config.telemetry is not None,
         camera_height_m=source.config.camera_height_m,
         points_in_world=points,
-        lengths=lengths.scales(trajectory, files.frames, names_of(trajectory, key_frames)),
+        lengths=lengths.constrain_scale(trajectory, files.frames, names_of(trajectory, key_frames)),
     )
     placement.save(target.placement)
     placement.apply(trajectory).save(target.trajectory)
@@ -68,7 +68,7 @@ def place_run(
     return placement.describe()
 
 
-def place_inputs(source: Source) -> dict[str, Any]:
+def place_inputs(source: RecordingSource) -> dict[str, Any]:
     """What the place depends on beside the poses."""
     distance = source.config.distance
     return {

@@ -12,7 +12,7 @@ from geometry.sfm import reconstruct
 from geometry.trajectory import Trajectory
 from locate.journal.progress import Report
 from locate.pipeline.files import RunFiles
-from locate.pipeline.source import Source
+from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.recording.posed_frames import PosedFrames
 
@@ -25,7 +25,11 @@ SFM_BYTES_PER_FRAME = 1_000_000
 
 
 def reconstruct_poses(
-    source: Source, key_frames: KeyFrames, files: RunFiles, target: RunFiles, report: Report
+    source: RecordingSource,
+    key_frames: KeyFrames,
+    files: RunFiles,
+    target: RunFiles,
+    report: Report,
 ) -> str:
     """Runs structure from motion on the key frames; returns a summary.
 
@@ -88,7 +92,7 @@ def frames_with_poses(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:
     )
 
 
-def frames_at_rest(source: Source, key_frames: KeyFrames, folder: Path) -> PosedFrames:
+def frames_at_rest(source: RecordingSource, key_frames: KeyFrames, folder: Path) -> PosedFrames:
     """The key frames of a camera at rest."""
     camera = source.known_camera(key_frames)
     if camera is None:

@@ -23,7 +23,7 @@ from locate.pipeline.detections import load_detections
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.points import load_points
-from locate.pipeline.source import Source
+from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.recording.posed_frames import PosedFrames
 from locate.robot.bag_results import write_map
@@ -42,7 +42,7 @@ REACH_RADII = 1.5
 
 
 def publish(
-    source: Source,
+    source: RecordingSource,
     key_frames: KeyFrames,
     posed: PosedFrames,
     *,
@@ -95,7 +95,9 @@ def publish_inputs() -> dict[str, Any]:
     return {"pages": [fingerprint_path(resource_path(part)) for part in PAGE_PARTS]}
 
 
-def _write_bag(source: Source, key_frames: KeyFrames, plume_map: PlumeMap, folder: Path) -> bool:
+def _write_bag(
+    source: RecordingSource, key_frames: KeyFrames, plume_map: PlumeMap, folder: Path
+) -> bool:
     """Writes the plumes as a bag, in the world of the recording's poses, where it is one."""
     bag = source.bag
     if bag is None or not bag.has_poses:

@@ -18,7 +18,7 @@ from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
-from locate.pipeline.source import Source
+from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.recording.posed_frames import PosedFrames
 from locate.telemetry import read_telemetry
@@ -59,7 +59,7 @@ class Run:
         check_weights(config)
         if config.telemetry is not None:
             read_telemetry(config.telemetry)
-        self.source = Source.of(config)
+        self.source = RecordingSource.of(config)
         self.lengths = KnownLengths.of(config.board, config.distance)
         self.folder = RunFolder(output, force=force)
         self.files = RunFiles(output)

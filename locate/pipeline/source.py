@@ -21,7 +21,7 @@ BAG_OPTIONS = ("image_topic", "pose_topic", "world_frame")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class RecordingSource:
     """A recording, and what its user and its own messages say of the camera.
 
     Attributes:

@@ -20,7 +20,7 @@ from geometry.npz import read_npz
 from locate.commands.detect import detect
 from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.pipeline.config import RunConfig
-from locate.pipeline.frame_by_frame import look
+from locate.pipeline.frame_by_frame import detect_frames
 from locate.pipeline.run import Run
 from locate.recording.images import read_grey
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
@@ -74,7 +74,7 @@ def names(folder: Path) -> list[str]:
 
 def test_folder_gives_every_file(photos: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
-    seen = look(photos, output, Blob())
+    seen = detect_frames(photos, output, Blob())
     assert names(output) == ["detections", "index.json", "masks", "overlay.mp4", "pictures"]
     stems = [f"p{i}" for i in range(5)]
     assert [one.frame for one in seen] == stems
@@ -92,7 +92,7 @@ def test_folder_gives_every_file(photos: Path, tmp_path: Path) -> None:
 
 
 def test_index_says_what_was_done(photos: Path, tmp_path: Path) -> None:
-    look(photos, tmp_path / "out", Blob(), threshold_nats=1.5)
+    detect_frames(photos, tmp_path / "out", Blob(), threshold_nats=1.5)
     index = json.loads((tmp_path / "out/index.json").read_text())
     assert index["schema"] == "locate.detections/1"
     assert (index["detector"], index["threshold_nats"]) == ("blob", 1.5)
@@ -100,7 +100,7 @@ def test_index_says_what_was_done(photos: Path, tmp_path: Path) -> None:
 
 
 def test_overlay_video_opens_in_another_reader(video: Path, tmp_path: Path) -> None:
-    look(video, tmp_path / "out", Blob())
+    detect_frames(video, tmp_path / "out", Blob())
     reader = cv2.VideoCapture(str(tmp_path / "out/overlay.mp4"))
     assert reader.get(cv2.CAP_PROP_FPS) == pytest.approx(12, rel=0.003)
     images = []
@@ -114,7 +114,7 @@ def test_overlay_video_opens_in_another_reader(video: Path, tmp_path: Path) -> N
 
 
 def test_every_second_frame_of_a_video(video: Path, tmp_path: Path) -> None:
-    seen = look(video, tmp_path / "out", Blob(), every=2)
+    seen = detect_frames(video, tmp_path / "out", Blob(), every=2)
     assert [one.frame for one in seen] == ["000000", "000002", "000004"]
     assert names(tmp_path / "out/masks") == ["000000.png", "000002.png", "000004.png"]
     with av.open(str(tmp_path / "out/overlay.mp4")) as container:
@@ -123,7 +123,7 @@ def test_every_second_frame_of_a_video(video: Path, tmp_path: Path) -> None:
 
 def test_one_image_of_odd_size_has_no_video(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.tif"), texture(shape=(51, 67)))
-    look(tmp_path / "a.tif", tmp_path / "out", Blob())
+    detect_frames(tmp_path / "a.tif", tmp_path / "out", Blob())
     assert names(tmp_path / "out") == ["detections", "index.json", "masks", "pictures"]
     assert cv2.imread(str(tmp_path / "out/pictures/a.png")).shape == (51, 67, 3)
 
@@ -132,37 +132,37 @@ def test_odd_frames_still_make_a_video(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     for i in range(2):
         cv2.imwrite(str(tmp_path / f"photos/{i}.png"), texture(i, (51, 67)))
-    look(tmp_path / "photos", tmp_path / "out", Blob())
+    detect_frames(tmp_path / "photos", tmp_path / "out", Blob())
     assert cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).read()[1].shape == (50, 66, 3)
 
 
 def test_photos_of_two_sizes_are_each_looked_at(photos: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(photos / "p9.png"), texture(shape=(60, 80)))
-    assert len(look(photos, tmp_path / "out", Blob())) == 6
+    assert len(detect_frames(photos, tmp_path / "out", Blob())) == 6
     assert not (tmp_path / "out/overlay.mp4").exists()
 
 
 def test_photos_of_one_stem_keep_apart(photos: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(photos / "p0.jpg"), texture())
-    look(photos, tmp_path / "out", Blob())
+    detect_frames(photos, tmp_path / "out", Blob())
     assert len(names(tmp_path / "out/masks")) == 6
 
 
 def test_folder_is_written_anew_but_only_its_own(photos: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
-    look(photos, output, Blob())
+    detect_frames(photos, output, Blob())
     (photos / "p4.png").unlink()
-    look(photos, output, Blob())
+    detect_frames(photos, output, Blob())
     assert names(output / "masks") == ["p0.png", "p1.png", "p2.png", "p3.png"]
     with pytest.raises(BadInputError, match="another folder"):
-        look(photos, photos, Blob())
+        detect_frames(photos, photos, Blob())
     assert len(names(photos)) == 4
 
 
 def test_failure_leaves_nothing_half_written(photos: Path, tmp_path: Path) -> None:
     (photos / "p3.png").write_bytes(b"no image")
     with pytest.raises(BadInputError, match=r"p3\.png"):
-        look(photos, tmp_path / "out", Blob())
+        detect_frames(photos, tmp_path / "out", Blob())
     left = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert [path.name for path in left] == ["index.json"]
 

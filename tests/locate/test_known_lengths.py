@@ -141,7 +141,7 @@ def test_clicks_in_frames_that_are_not_there(cameras, tmp_path):
     points = {"drum": clicks, "valve": clicks}
     known = KnownDistance.load(write_distance(tmp_path / "d.json", cameras, points=points))
     with pytest.raises(BadInputError, match=r"drum: .* two frames .*999\.png"):
-        known.scale(cameras, {f"{row:06d}.png": row for row in range(8)})
+        known.constrain_scale(cameras, {f"{row:06d}.png": row for row in range(8)})
 
 
 def test_a_missing_file_is_told(tmp_path):
