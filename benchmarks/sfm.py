@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.errors import LocateError
-from geometry.pose_files import read_named_poses, resized
+from geometry.pose_files import read_named_poses, resize_camera
 from geometry.sfm import Reconstruction, reconstruct
 from geometry.sfm.checks import compare_paths
 from geometry.sfm.covariance import gauge_projector
@@ -68,7 +68,7 @@ def run(
         frames.names,
         frames.indices,
         frames.times_s,
-        camera=None if camera is None else resized(camera, frames.width, frames.height),
+        camera=None if camera is None else resize_camera(camera, frames.width, frames.height),
         focal_prior_px=frames.focal_prior_px,
         workdir=workdir / "sfm",
         ordered=frames.is_video,

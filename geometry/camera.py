@@ -118,13 +118,13 @@ class Camera:
         return camera
 
     @cached_property
-    def _colmap(self) -> pycolmap.Camera:
+    def _colmap_camera(self) -> pycolmap.Camera:
         return self.to_colmap()
 
     @property
     def focal_px(self) -> float:
         """Mean focal length in px."""
-        return float(self._colmap.mean_focal_length())
+        return float(self._colmap_camera.mean_focal_length())
 
     @property
     def is_pinhole(self) -> bool:
@@ -134,7 +134,7 @@ class Camera:
     @property
     def matrix(self) -> FloatArray:
         """The 3x3 calibration matrix of the undistorted camera, project pixel origin."""
-        matrix = np.array(self._colmap.calibration_matrix(), dtype=float)
+        matrix = np.array(self._colmap_camera.calibration_matrix(), dtype=float)
         matrix[:2, 2] -= HALF_PIXEL
         return matrix
 
@@ -161,7 +161,7 @@ class Camera:
         """
         pixels = np.asarray(pixels, dtype=float)
         flat = pixels.reshape(-1, 2) + HALF_PIXEL
-        normalised = np.asarray(self._colmap.cam_from_img(flat))
+        normalised = np.asarray(self._colmap_camera.cam_from_img(flat))
         rays = np.concatenate([normalised, np.ones((len(flat), 1))], axis=1)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays.reshape(*pixels.shape[:-1], 3)
@@ -179,7 +179,7 @@ class Camera:
         flat = points.reshape(-1, 3)
         in_front = flat[:, 2] > 1e-9
         safe = np.where(in_front[:, None], flat, [0.0, 0.0, 1.0])
-        pixels = np.asarray(self._colmap.img_from_cam(safe)) - HALF_PIXEL
+        pixels = np.asarray(self._colmap_camera.img_from_cam(safe)) - HALF_PIXEL
         pixels[~in_front] = np.nan
         return pixels.reshape(*points.shape[:-1], 2)
 

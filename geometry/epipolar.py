@@ -14,7 +14,7 @@ BAND = 48
 
 
 @dataclass(frozen=True, kw_only=True)
-class Epipolar:
+class EpipolarGeometry:
     """Two-view geometry in homogeneous pixels: x_target ~ H x_source + inverse_depth * e.
 
     Source: Hartley & Zisserman, Multiple View Geometry, eq. 9.7 (infinite homography + epipole).
@@ -28,7 +28,7 @@ class Epipolar:
     epipole: FloatArray
 
     @classmethod
-    def between(cls, trajectory: Trajectory, source: int, target: int) -> Self:
+    def between_frames(cls, trajectory: Trajectory, source: int, target: int) -> Self:
         """The geometry from row `source` of a trajectory to row `target`, distortion left out."""
         K = trajectory.camera.matrix
         rotation = trajectory.rotations[target] @ trajectory.rotations[source].T
@@ -44,7 +44,7 @@ class Epipolar:
         homographies = np.moveaxis(K @ rotations @ np.linalg.inv(K), 0, -1)
         return cls(homography=homographies[..., None], epipole=(K @ translations.T)[..., None])
 
-    def rescaled(self, unit: float) -> Self:
+    def in_unit(self, unit: float) -> Self:
         """The same geometry for inverse depths counted in that unit."""
         return replace(self, epipole=self.epipole * unit)
 
@@ -67,7 +67,7 @@ class Epipolar:
         """
         x, y = np.moveaxis(np.asarray(pixels, dtype=np.float32), -1, 0)
         flow, slope = np.empty((2, 2, *x.shape), np.float32)
-        self._move(x, y, np.asarray(inverse_depth, dtype=np.float32), flow, slope)
+        self._fill_flow(x, y, np.asarray(inverse_depth, dtype=np.float32), flow, slope)
         return np.stack(list(flow), axis=-1), np.stack(list(slope), axis=-1)
 
     def over_grid(
@@ -91,10 +91,10 @@ class Epipolar:
         flow, slope = out or np.empty((2, 2, *inverse_depth.shape), np.float32)
         for start in range(0, len(y), BAND):  # what is done to a few rows stays in the cache
             rows = slice(start, start + BAND)
-            self._move(x, y[rows, None], inverse_depth[rows], flow[:, rows], slope[:, rows])
+            self._fill_flow(x, y[rows, None], inverse_depth[rows], flow[:, rows], slope[:, rows])
         return flow, slope
 
-    def _move(
+    def _fill_flow(
         self, x: FloatMap, y: FloatMap, rho: FloatMap, flow: FloatMap, slope: FloatMap
     ) -> None:
         """Fills in `flow_and_slope` of x and y that go together with rho by broadcasting."""

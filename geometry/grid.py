@@ -15,7 +15,7 @@ from geometry.trajectory import Trajectory
 LEVER_NONE, LEVER_FULL = 0.03, 0.28
 
 
-def lever(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
+def relative_lever(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
     """How much of a deflection at `depth` shows, as a share: ``(Z_b - Z_p) / Z_b``.
 
     1 before an infinitely far background, 0 on its surface, negative behind it.
@@ -29,14 +29,14 @@ def lever_gate(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
     A plume close before its background displaces nothing, and behind it is hidden; where the
     background is unknown (NaN) nothing is said.
     """
-    ramp = lever(depth, background_inverse_depth)
+    ramp = relative_lever(depth, background_inverse_depth)
     ramp -= np.float32(LEVER_NONE)
     ramp /= np.float32(LEVER_FULL - LEVER_NONE)
     return np.asarray(np.fmin(np.fmax(ramp, 0, out=ramp), 1, out=ramp))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Box:
+class VoxelBox:
     """An axis-aligned volume of cubic voxels.
 
     Attributes:
@@ -50,7 +50,7 @@ class Box:
     shape: tuple[int, int, int]
 
     @classmethod
-    def around(cls, low: FloatArray, high: FloatArray, *, longest: int) -> Self:
+    def from_corners(cls, low: FloatArray, high: FloatArray, *, longest: int) -> Self:
         """The box from `low` to `high` with `longest` voxels along its longest edge."""
         voxel = float((high - low).max() / longest)
         nx, ny, nz = (max(1, int(np.ceil(size / voxel))) for size in high - low)
@@ -84,13 +84,13 @@ class EvidenceGrid:
         weight: (Z, Y, X) number of views that could see refraction in the voxel.
     """
 
-    box: Box
+    box: VoxelBox
     llr: FloatMap
     weight: FloatMap
 
 
 def sum_evidence(
-    box: Box, trajectory: Trajectory, llr: FloatMap, inverse_depth: FloatMap
+    box: VoxelBox, trajectory: Trajectory, llr: FloatMap, inverse_depth: FloatMap
 ) -> EvidenceGrid:
     """Sums the maps of all views into the voxels that they can see.
 

@@ -72,7 +72,7 @@ class NamedPoses:
         rows = np.array(sorted(pose_of), dtype=np.int64)
         taken = self.trajectory.take([pose_of[int(row)] for row in rows])
         try:
-            camera = taken.camera if size is None else resized(taken.camera, *size)
+            camera = taken.camera if size is None else resize_camera(taken.camera, *size)
         except BadInputError as error:
             raise BadInputError(f"{self.path}: {error}") from error
         matched = replace(taken, camera=camera, indices=indices[rows], times_s=times_s[rows])
@@ -89,7 +89,7 @@ class NamedPoses:
         return matched if len(set(matched.values())) == len(matched) else {}
 
     def _by_index(self, indices: IntArray) -> dict[int, int]:
-        known = self.trajectory.indices if self.has_indices else _numbers(self.names)
+        known = self.trajectory.indices if self.has_indices else _frame_numbers(self.names)
         pose_of = {int(index): i for i, index in enumerate(known)}
         return {r: pose_of[int(i)] for r, i in enumerate(indices) if int(i) in pose_of}
 
@@ -103,7 +103,7 @@ class NamedPoses:
         return {int(row): int(nearest[row]) for row in np.flatnonzero(close)}
 
 
-def resized(camera: Camera, width: int, height: int) -> Camera:
+def resize_camera(camera: Camera, width: int, height: int) -> Camera:
     """The camera for images resized to `width` x `height`.
 
     Raises:
@@ -128,12 +128,12 @@ def read_camera(path: Path, width: int, height: int) -> Camera:
     """
     try:
         content = json.loads(path.read_text())
-        return resized(Camera.from_dict(content.get("camera", content)), width, height)
+        return resize_camera(Camera.from_dict(content.get("camera", content)), width, height)
     except (OSError, ValueError, AttributeError, BadInputError) as error:
         raise BadInputError(f"{path}: not a camera file ({error})") from error
 
 
-def _numbers(names: Sequence[str]) -> list[int]:
+def _frame_numbers(names: Sequence[str]) -> list[int]:
     """The names as frame indices; empty where one is no number."""
     stems = [Path(name).stem for name in names]
     if not stems or not all(stem.isdecimal() for stem in stems):

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.camera import HALF_PIXEL, Camera
 from geometry.errors import BadInputError
-from geometry.named_poses import NamedPoses, resized
+from geometry.named_poses import NamedPoses, resize_camera
 from geometry.trajectory import Trajectory
 
 MAX_SKEW = 0.01
@@ -123,7 +123,7 @@ def _world_from_cam(trajectory: Trajectory) -> Rotation:
     return Rotation.from_matrix(trajectory.rotations).inv()
 
 
-def _counted(
+def _checked_trajectory(
     path: Path, camera: Camera, rotations: FloatArray, translations: FloatArray
 ) -> Trajectory:
     if not (np.isfinite(rotations).all() and np.isfinite(translations).all()):
@@ -154,7 +154,7 @@ def _read_tum(path: Path, camera: Camera | None) -> NamedPoses:
         raise BadInputError(f"{path}: a TUM line has 8 numbers, stamp tx ty tz qx qy qz qw")
     order = np.argsort(rows[:, 0], kind="stable")
     translations = -rotation.apply(rows[:, 1:4])
-    found = _counted(path, camera, rotation.as_matrix()[order], translations[order])
+    found = _checked_trajectory(path, camera, rotation.as_matrix()[order], translations[order])
     stamped = replace(found, times_s=rows[order, 0])
     return NamedPoses(trajectory=stamped, names=("",) * len(rows), path=path, has_times=True)
 
@@ -176,7 +176,7 @@ def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
     rotations = np.array([pose.rotation.matrix() for pose in poses]).reshape(-1, 3, 3)
     translations = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     names = tuple(image.name for image in images)
-    found = _counted(folder, own, rotations, translations)
+    found = _checked_trajectory(folder, own, rotations, translations)
     return NamedPoses(trajectory=found, names=names, path=folder)
 
 
@@ -195,7 +195,7 @@ def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise BadInputError(f"{path}: not a readable transforms.json ({error!r})") from error
     return NamedPoses(
-        trajectory=_counted(path, own, rotations, translations), names=names, path=path
+        trajectory=_checked_trajectory(path, own, rotations, translations), names=names, path=path
     )
 
 
@@ -247,7 +247,7 @@ __all__ = [
     "default_names",
     "read_named_poses",
     "read_poses",
-    "resized",
+    "resize_camera",
     "write_colmap_model",
     "write_transforms_json",
     "write_tum",

@@ -19,8 +19,8 @@ def with_one_blas_thread(function: Callable[Given, Result]) -> Callable[Given, R
     """
 
     @wraps(function)
-    def limited(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+    def run_limited(*args: Given.args, **kwargs: Given.kwargs) -> Result:
         with threadpool_limits(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 
-    return limited
+    return run_limited

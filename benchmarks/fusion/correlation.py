@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
-from geometry.grid import LEVER_FULL, LEVER_NONE, lever
+from geometry.grid import LEVER_FULL, LEVER_NONE, relative_lever
 from geometry.trajectory import Trajectory
 from locate.fusion.views import Views
 from locate.pipeline.detections import load_detections
@@ -43,7 +43,9 @@ def sampled(views: Views, points: FloatArray) -> tuple[FloatMap, FloatMap]:
         pixel = np.rint(views.trajectory.camera.project(in_cam))
         seen = (in_cam[:, 2] > views.unit) & np.all((pixel >= 0) & (pixel < [width, height]), 1)
         x, y = pixel[seen].astype(int).T
-        levers[i, seen] = lever(in_cam[seen, 2].astype(np.float32), views.inverse_depth[i][y, x])
+        levers[i, seen] = relative_lever(
+            in_cam[seen, 2].astype(np.float32), views.inverse_depth[i][y, x]
+        )
         llr[i, seen] = views.llr[i][y, x]
     return llr, levers
 

@@ -89,11 +89,11 @@ def error_of(
     assert placement.alignment is not None
     assert placement.georeference is not None
     moved = placement.apply(scene)
-    true_in_enu = placement.georeference.enu(
+    true_in_enu = placement.georeference.to_enu(
         earth.lat_lon_height(truth.centers_in_world[scene.indices])
     )
     off = align_points(moved.centers_in_world, true_in_enu)
-    middle = placement.georeference.enu(earth.lat_lon_height([0.0, 24.0, 5.0]))
+    middle = placement.georeference.to_enu(earth.lat_lon_height([0.0, 24.0, 5.0]))
     in_map = off.inverse()(middle)
     miss = (in_map - middle)[0]
     covariance = placement.alignment.position_covariances(in_map)[0]

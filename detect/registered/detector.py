@@ -11,7 +11,7 @@ from detect.registered.learned import Reader
 from detect.registered.measure import Measurement, Neighbour, Registration
 from detect.registered.neighbours import choose_neighbours, typical_inverse_depth
 from geometry.arrays import FloatArray, FloatMap
-from geometry.epipolar import Epipolar
+from geometry.epipolar import EpipolarGeometry
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 
@@ -110,7 +110,7 @@ class RegisteredDetector:
         neighbours = [
             Neighbour(
                 image=frames.images[row],
-                view=Epipolar.between(trajectory, index, row).rescaled(inverse_depth),
+                view=EpipolarGeometry.between_frames(trajectory, index, row).in_unit(inverse_depth),
             )
             for row in rows
         ]

@@ -13,7 +13,7 @@ from detect.registered.robust import Registered, median, robustly
 from detect.registered.separate import TINY, bands, dot, separate, squared
 from detect.warp import blur, gradients, sample
 from geometry.arrays import FloatMap, GreyImage
-from geometry.epipolar import Epipolar
+from geometry.epipolar import EpipolarGeometry
 
 BORDER_PX = 2
 PRESMOOTHING_PX = 0.7
@@ -30,7 +30,7 @@ class Neighbour:
     """Another frame, and how pixels of the key frame move into it by relative inverse depth."""
 
     image: GreyImage
-    view: Epipolar
+    view: EpipolarGeometry
 
 
 @dataclass(frozen=True, kw_only=True)

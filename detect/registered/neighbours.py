@@ -7,7 +7,7 @@ from detect.detection import Frames
 from detect.flow import dis_matcher
 from detect.warp import pixel_grid
 from geometry.arrays import FloatArray, FloatMap, IntArray
-from geometry.epipolar import Epipolar
+from geometry.epipolar import EpipolarGeometry
 from geometry.trajectory import Trajectory
 
 WANTED_PARALLAX = (0.03, 0.045, 0.06, 0.09)
@@ -65,7 +65,7 @@ def parallaxes(trajectory: Trajectory, index: int, inverse_depth: float) -> Floa
     size = np.array([camera.width, camera.height])
     pixels = (pixel_grid((6, 8)) + 0.5) * (size / [8, 6]).astype(np.float32)
     pixels = np.broadcast_to(pixels.reshape(1, -1, 2), (len(trajectory), pixels[..., 0].size, 2))
-    view = Epipolar.towards_all(trajectory, index)
+    view = EpipolarGeometry.towards_all(trajectory, index)
     targets = pixels + view.flow(pixels, inverse_depth)
     overlap = ((targets >= 0) & (targets < size)).all(axis=-1).mean(axis=-1)
     shares = np.median(view.parallax_px(pixels, inverse_depth), axis=-1) / camera.width
@@ -101,7 +101,7 @@ def _from_pair(frames: Frames, trajectory: Trajectory, index: int, row: int) -> 
     """Median inverse depth by one pair, and its parallax as a share of the image width."""
     image, other = _small(frames.images[index]), _small(frames.images[row])
     pixels = pixel_grid(image.shape) * SHRINK + (SHRINK - 1) / 2
-    view = Epipolar.between(trajectory, index, row)
+    view = EpipolarGeometry.between_frames(trajectory, index, row)
     at_infinity, slope = view.flow_and_slope(pixels, 0.0)
     start = (at_infinity / SHRINK).astype(np.float32)
     flow = dis_matcher(refinements=0).calc(image, other, start) * SHRINK - at_infinity

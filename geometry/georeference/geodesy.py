@@ -28,7 +28,7 @@ class HeightDatum(StrEnum):
         return self in (HeightDatum.EGM96, HeightDatum.EGM2008, HeightDatum.MEAN_SEA_LEVEL)
 
     @property
-    def crs(self) -> str | None:
+    def epsg_code(self) -> str | None:
         """The EPSG code of WGS84 latitude, longitude and this height; None where there is none."""
         return _CRS.get(self)
 
@@ -79,7 +79,7 @@ class Georeference:
         lon, lat, height = self._geodetic_from_enu.transform(east, north, up)
         return np.stack([lat, lon, height], axis=-1)
 
-    def enu(self, lat_lon_height: ArrayLike) -> FloatArray:
+    def to_enu(self, lat_lon_height: ArrayLike) -> FloatArray:
         """(N, 3) local points of (N, 3) latitude and longitude (deg), height (m, in `datum`)."""
         lat, lon, height = np.reshape(np.asarray(lat_lon_height, dtype=float), (-1, 3)).T
         points = self._geodetic_from_enu.transform(lon, lat, height, direction="INVERSE")
@@ -98,11 +98,11 @@ class Georeference:
         positions = self.lat_lon_height(points_in_enu)
         if datum == self.datum:
             return positions[:, 2]
-        if self.datum.crs is None or datum.crs is None:
+        if self.datum.epsg_code is None or datum.epsg_code is None:
             return None
         try:
             change = Transformer.from_crs(
-                self.datum.crs, datum.crs, only_best=True, allow_ballpark=False
+                self.datum.epsg_code, datum.epsg_code, only_best=True, allow_ballpark=False
             )
             heights = np.asarray(change.transform(*positions.T), dtype=float)[2]
         except ProjError:
@@ -138,7 +138,7 @@ class Georeference:
             raise BadInputError(f"georeference lacks a valid {error}") from error
 
     @classmethod
-    def at(cls, lat_lon_height: ArrayLike, datum: HeightDatum, name: str) -> Self:
+    def from_origin(cls, lat_lon_height: ArrayLike, datum: HeightDatum, name: str) -> Self:
         """The frame whose origin is a position of (latitude, longitude, height)."""
         lat, lon, height = np.asarray(lat_lon_height, dtype=float)
         return cls(

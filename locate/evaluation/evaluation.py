@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from geometry.errors import BadInputError
-from geometry.plain import plain
+from geometry.plain import to_plain_values
 from geometry.trajectory import Trajectory
 from locate.evaluation.alignment import CameraAlignment, align_trajectories
 from locate.evaluation.frames import FrameScore, frame_scores
@@ -53,7 +53,7 @@ class Evaluation:
             **asdict(self),
             "frame_medians": {name: self.frame_median(name) for name in medians},
         }
-        verdict: dict[str, Any] = plain(content, null_for_nan=True)
+        verdict: dict[str, Any] = to_plain_values(content, null_for_nan=True)
         return verdict
 
 

@@ -94,7 +94,7 @@ def add_reference_systems(file: sqlite3.Connection, datum: HeightDatum) -> int:
     """WGS84, and the three-dimensional system of the heights; returns the id of the latter."""
     from pyproj import CRS
 
-    codes = [WGS84_2D, int(datum.crs.removeprefix("EPSG:")) if datum.crs else WGS84_2D]
+    codes = [WGS84_2D, int(datum.epsg_code.removeprefix("EPSG:")) if datum.epsg_code else WGS84_2D]
     for code in sorted(set(codes)):
         system = CRS.from_epsg(code)
         # WKT1 has no three-dimensional geographic systems.

@@ -10,7 +10,7 @@ import numpy as np
 
 from detect.detection import Detection
 from geometry.arrays import FloatArray, FloatMap
-from geometry.grid import Box
+from geometry.grid import VoxelBox
 from geometry.trajectory import Trajectory
 
 FUSION_WIDTH_PX = 320
@@ -157,7 +157,7 @@ class Views:
             points.append(moved @ self.trajectory.rotations[i])
         return np.concatenate(points)
 
-    def volume(self) -> Box:
+    def volume(self) -> VoxelBox:
         """The box that holds the cameras and nearly all of the background."""
         points = self.background_in_world()
         centers = self.trajectory.centers_in_world
@@ -165,7 +165,7 @@ class Views:
         high = np.percentile(points, 100 - OUTLIERS_PERCENT, axis=0)
         low = np.minimum(low, centers.min(axis=0))
         high = np.maximum(high, centers.max(axis=0))
-        return Box.around(low, high, longest=VOXELS_ALONG_LONGEST_EDGE)
+        return VoxelBox.from_corners(low, high, longest=VOXELS_ALONG_LONGEST_EDGE)
 
 
 def _shrink_nearest(image: FloatMap, width: int, height: int) -> FloatMap:

@@ -10,7 +10,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.covariance import principal_sigmas
 from geometry.errors import BadInputError
-from geometry.plain import plain
+from geometry.plain import to_plain_values
 from locate.map.schema import SCHEMA, RefractiveIndex, checked_fields
 
 
@@ -162,7 +162,7 @@ class PlumeMap:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of map.json, schema ``locate.map/1``."""
-        return {"schema": SCHEMA, **plain(asdict(self))}
+        return {"schema": SCHEMA, **to_plain_values(asdict(self))}
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:

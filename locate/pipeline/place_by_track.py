@@ -64,9 +64,9 @@ def place_by_track(
     known = np.isfinite(fixes).all(axis=1)
     if not known.any():
         raise BadInputError(f"{track.path}: no frame has a position with a height")
-    georeference = Georeference.at(fixes[known][0], datum, "first fix")
+    georeference = Georeference.from_origin(fixes[known][0], datum, "first fix")
     enu = np.full(fixes.shape, np.nan)
-    enu[known] = georeference.enu(fixes[known])
+    enu[known] = georeference.to_enu(fixes[known])
     sigmas_m = _sigmas_m(records, track.step_m)
     precise = bool(np.median(sigmas_m) < PRECISE_SIGMA_M)
     positions = positions_of_cameras(

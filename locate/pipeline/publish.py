@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.grid import Box
+from geometry.grid import VoxelBox
 from geometry.npz import read_npz
 from locate import __version__
 from locate.export.geojson import write_geojson
@@ -117,7 +117,9 @@ def plume_voxels(evidence: Path, plume_map: PlumeMap) -> FloatArray:
     file = read_npz(evidence)
     llr, weight = file["llr"].astype(float), file["weight"].astype(float)
     nz, ny, nx = llr.shape
-    box = Box(low_in_world=file["low_in_world"], voxel=float(file["voxel"]), shape=(nz, ny, nx))
+    box = VoxelBox(
+        low_in_world=file["low_in_world"], voxel=float(file["voxel"]), shape=(nz, ny, nx)
+    )
     seen = np.argwhere((llr > 0) & (weight > 0))
     points = box.centers_in_world(seen.astype(float))
     mean = llr[tuple(seen.T)] / weight[tuple(seen.T)]

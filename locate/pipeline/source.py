@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from geometry.named_poses import NamedPoses, read_camera, resized
+from geometry.named_poses import NamedPoses, read_camera, resize_camera
 from geometry.pose_files import read_named_poses
 from locate.messages.bags import TopicChoice, is_bag
 from locate.messages.wiring import Wiring
@@ -67,7 +67,7 @@ class RecordingSource:
         if self.config.camera is not None:
             return read_camera(self.config.camera, *size)
         if self.bag is not None and self.bag.camera is not None:
-            return resized(self.bag.camera, *size)
+            return resize_camera(self.bag.camera, *size)
         return None
 
     def focal_prior_px(self, key_frames: KeyFrames) -> float | None:

@@ -42,14 +42,18 @@ def focal_of_photo(path: Path) -> FocalPrior | None:
     side = max(tags.get(PIXELS_X, 0.0), tags.get(PIXELS_Y, 0.0))
     calibrated = _DJI_CALIBRATED.search(header)
     if calibrated and side > 0:
-        return _checked(float(calibrated.group(1)) / side, "XMP CalibratedFocalLength")
+        return _plausible_prior(float(calibrated.group(1)) / side, "XMP CalibratedFocalLength")
     unit_mm = UNIT_MM.get(int(tags.get(PLANE_UNIT, 2)), 0.0)
     resolution = tags.get(PLANE_X_RESOLUTION, 0.0)
     if tags.get(FOCAL_MM, 0.0) > 0 and resolution > 0 and side > 0 and unit_mm > 0:
         sensor_mm = side / resolution * unit_mm
-        return _checked(tags[FOCAL_MM] / sensor_mm, "EXIF FocalLength and FocalPlaneXResolution")
+        return _plausible_prior(
+            tags[FOCAL_MM] / sensor_mm, "EXIF FocalLength and FocalPlaneXResolution"
+        )
     if tags.get(FOCAL_35MM, 0.0) > 0:
-        return _checked(tags[FOCAL_35MM] / FULL_FRAME_WIDTH_MM, "EXIF FocalLengthIn35mmFilm")
+        return _plausible_prior(
+            tags[FOCAL_35MM] / FULL_FRAME_WIDTH_MM, "EXIF FocalLengthIn35mmFilm"
+        )
     return _from_camera_database(path) if FOCAL_MM in tags else None
 
 
@@ -58,11 +62,13 @@ def focal_of_video(metadata: dict[str, str]) -> FocalPrior | None:
     for key, value in metadata.items():
         number = re.search(r"\d+(\.\d+)?", value)
         if _VIDEO_KEY.search(key) and number:
-            return _checked(float(number.group()) / FULL_FRAME_WIDTH_MM, f"video metadata {key}")
+            return _plausible_prior(
+                float(number.group()) / FULL_FRAME_WIDTH_MM, f"video metadata {key}"
+            )
     return None
 
 
-def _checked(relative: float, source: str) -> FocalPrior | None:
+def _plausible_prior(relative: float, source: str) -> FocalPrior | None:
     return FocalPrior(relative=relative, source=source) if 0.2 < relative < 20 else None
 
 
@@ -72,7 +78,7 @@ def _from_camera_database(path: Path) -> FocalPrior | None:
     if bitmap is None or not focal_px:
         return None
     side = max(bitmap.width, bitmap.height)
-    return _checked(float(focal_px) / side, "EXIF FocalLength and sensor database")
+    return _plausible_prior(float(focal_px) / side, "EXIF FocalLength and sensor database")
 
 
 def _exif_tags(header: bytes) -> dict[int, float]:
@@ -84,15 +90,15 @@ def _exif_tags(header: bytes) -> dict[int, float]:
         return {}
     try:
         (offset,) = struct.unpack_from(order + "I", tiff, 4)
-        tags = _directory(tiff, order, offset)
+        tags = _read_directory(tiff, order, offset)
         if EXIF_IFD in tags:
-            tags |= _directory(tiff, order, int(tags[EXIF_IFD]))
+            tags |= _read_directory(tiff, order, int(tags[EXIF_IFD]))
     except struct.error:
         return {}
     return tags
 
 
-def _directory(tiff: bytes, order: str, offset: int) -> dict[int, float]:
+def _read_directory(tiff: bytes, order: str, offset: int) -> dict[int, float]:
     (count,) = struct.unpack_from(order + "H", tiff, offset)
     tags = {}
     for i in range(count):

@@ -96,7 +96,7 @@ class FrameFiles:
         trajectory, rows = read_named_poses(poses, known).match_to_frames(
             self.names, np.array(self.indices), np.array(self.times_s), size=self.size
         )
-        left = self._take(rows.tolist())
+        left = self._select_rows(rows.tolist())
         posed = PosedFrames(
             folder=left.folder,
             names=left.names,
@@ -106,7 +106,7 @@ class FrameFiles:
         )
         return left, posed.undistorted()
 
-    def _take(self, rows: Iterable[int]) -> Self:
+    def _select_rows(self, rows: Iterable[int]) -> Self:
         rows = list(rows)
         return type(self)(
             folder=self.folder,

@@ -29,7 +29,7 @@ class FrameImages(Sequence[GreyImage]):
 
     def __init__(self, paths: Sequence[Path], camera: Camera | None = None) -> None:
         self._paths = list(paths)
-        self._map = None if camera is None else bending(camera)
+        self._map = None if camera is None else distortion_map(camera)
         self._cache: OrderedDict[int, GreyImage] = OrderedDict()
 
     def __len__(self) -> int:
@@ -45,13 +45,13 @@ class FrameImages(Sequence[GreyImage]):
             part._map = self._map
             return part
         if i not in self._cache:
-            self._cache[i] = self._read(self._paths[i])
+            self._cache[i] = self._read_image(self._paths[i])
             if len(self._cache) > CACHED:
                 self._cache.popitem(last=False)
         self._cache.move_to_end(i)
         return self._cache[i]
 
-    def _read(self, path: Path) -> GreyImage:
+    def _read_image(self, path: Path) -> GreyImage:
         if not path.exists():
             raise BadInputError(f"{path}: is gone; in a run folder, repeat the run with --force")
         image = read_grey(path)
@@ -90,7 +90,7 @@ def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
         unfinished.write_bytes(content.tobytes())
 
 
-def bending(camera: Camera) -> FloatMap | None:
+def distortion_map(camera: Camera) -> FloatMap | None:
     """Where to read each pixel of the undistorted image; None where the lens bends nothing."""
     if camera.is_pinhole:
         return None

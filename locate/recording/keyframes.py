@@ -10,7 +10,7 @@ import numpy as np
 from geometry.arrays import FloatArray, GreyImage, IntArray
 from geometry.errors import BadInputError
 from locate.recording.index import KeyFrame, KeyFrames
-from locate.recording.motion import StillnessTest, median_motion, sharpness, thumbnail
+from locate.recording.motion import StillnessTest, make_thumbnail, measure_sharpness, median_motion
 from locate.recording.recording import Recording
 
 TARGET_MOTION = 0.005
@@ -25,21 +25,21 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Seen:
+class _ObservedFrame:
     frame: KeyFrame
     thumb: GreyImage
 
 
-class _Spacer:
+class _FrameSpacer:
     """Keeps the next frame once the image has moved by the target since the last kept one."""
 
-    def __init__(self, first: _Seen, target_px: float) -> None:
+    def __init__(self, first: _ObservedFrame, target_px: float) -> None:
         self.kept = [first.frame]
         self._last = first
         self._target_px = target_px
-        self._waiting: list[tuple[float, _Seen]] = []
+        self._waiting: list[tuple[float, _ObservedFrame]] = []
 
-    def add(self, seen: _Seen) -> None:
+    def add(self, seen: _ObservedFrame) -> None:
         motion_px = median_motion(self._last.thumb, seen.thumb)
         self._waiting.append((motion_px / self._target_px, seen))
         while self._waiting and (
@@ -98,16 +98,16 @@ def select_frames(
     Raises:
         BadInputError: Fewer than two frames, or frames that cannot be used.
     """
-    every, spaced, still = _watch(recording, target_motion, progress)
+    every, spaced, still = _measure_frames(recording, target_motion, progress)
     if len(every) < 2:
         raise BadInputError(f"{recording.path}: only {len(every)} frame; at least 2 are needed")
     if still:
         chosen = _at_rest(every, max_frames, in_time=recording.is_video)
     elif recording.is_video and len(spaced) >= MIN_KEY_FRAMES:
-        chosen = _evenly(spaced, np.arange(len(spaced)), max_frames)
+        chosen = _spread_evenly(spaced, np.arange(len(spaced)), max_frames)
     else:
-        chosen = _evenly(every, np.cumsum([frame.motion_px for frame in every]), max_frames)
-    kept = _write(recording, chosen, folder, progress)
+        chosen = _spread_evenly(every, np.cumsum([frame.motion_px for frame in every]), max_frames)
+    kept = _write_frames(recording, chosen, folder, progress)
     return KeyFrames(
         frames=tuple(kept),
         width=recording.width,
@@ -120,31 +120,33 @@ def select_frames(
     )
 
 
-def _watch(
+def _measure_frames(
     recording: Recording, target_motion: float, progress: Progress | None
 ) -> tuple[list[KeyFrame], list[KeyFrame], bool]:
     """Every frame with the motion since the one before, the spaced ones, and whether still."""
     every: list[KeyFrame] = []
     previous: GreyImage | None = None
-    spacer: _Spacer | None = None
+    spacer: _FrameSpacer | None = None
     stillness: StillnessTest | None = None
     scale = max(recording.width, recording.height) / THUMBNAIL_SIDE
     for frame in recording.frames():
-        thumb = thumbnail(frame.image, THUMBNAIL_SIDE)
+        thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
         motion_px = 0.0 if previous is None else median_motion(previous, thumb) * max(scale, 1.0)
         seen = KeyFrame(
             index=frame.index,
             time_s=frame.time_s,
             source=frame.source,
-            sharpness=sharpness(frame.image),
+            sharpness=measure_sharpness(frame.image),
             motion_px=motion_px,
         )
         every.append(seen)
         if spacer is None or stillness is None:
-            spacer = _Spacer(_Seen(frame=seen, thumb=thumb), target_motion * thumb.shape[1])
+            spacer = _FrameSpacer(
+                _ObservedFrame(frame=seen, thumb=thumb), target_motion * thumb.shape[1]
+            )
             stillness = StillnessTest(frame.image)
         else:
-            spacer.add(_Seen(frame=seen, thumb=thumb))
+            spacer.add(_ObservedFrame(frame=seen, thumb=thumb))
             stillness.add(frame.image)
         previous = thumb
         if progress:
@@ -152,10 +154,12 @@ def _watch(
             share = 0.5 * min(1.0, len(every) / total) if total else -1.0
             progress("watching the recording", share)
     spaced = spacer.finish() if spacer else []
-    return every, spaced, bool(stillness and stillness.still)
+    return every, spaced, bool(stillness and stillness.is_still)
 
 
-def _evenly(frames: list[KeyFrame], path: FloatArray | IntArray, count: int) -> list[KeyFrame]:
+def _spread_evenly(
+    frames: list[KeyFrame], path: FloatArray | IntArray, count: int
+) -> list[KeyFrame]:
     """At most `count` frames, evenly along `path`, a length that never falls."""
     if len(frames) <= count:
         return frames
@@ -167,7 +171,7 @@ def _evenly(frames: list[KeyFrame], path: FloatArray | IntArray, count: int) -> 
 
 def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFrame]:
     """At most `count` frames, evenly; in a video of more, half of them in a row if need be."""
-    evenly = _evenly(frames, np.arange(len(frames)), count)
+    evenly = _spread_evenly(frames, np.arange(len(frames)), count)
     if not in_time or np.median(np.diff([frame.time_s for frame in evenly])) <= CLOSELY_S:
         return evenly
     spacing_s = float(np.median(np.diff([frame.time_s for frame in frames])))
@@ -175,11 +179,11 @@ def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFr
     start = max(0, (len(frames) - count // 2 * step) // 2)
     row = frames[start::step][: count // 2]
     others = [frame for frame in evenly if frame not in row]
-    spread = _evenly(others, np.arange(len(others)), count - len(row))
+    spread = _spread_evenly(others, np.arange(len(others)), count - len(row))
     return sorted((*row, *spread), key=lambda frame: frame.index)
 
 
-def _write(
+def _write_frames(
     recording: Recording, chosen: list[KeyFrame], folder: Path, progress: Progress | None
 ) -> list[KeyFrame]:
     folder.mkdir(parents=True, exist_ok=True)
@@ -193,7 +197,7 @@ def _write(
         key = wanted[frame.index]
         _, encoded = cv2.imencode(".png", frame.image)
         (folder / key.name).write_bytes(encoded.tobytes())
-        thumb = thumbnail(frame.image, THUMBNAIL_SIDE)
+        thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
         motion_px = 0.0 if previous is None else median_motion(previous, thumb) * scale
         written.append(replace(key, motion_px=motion_px))
         previous = thumb

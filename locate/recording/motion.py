@@ -12,7 +12,7 @@ _SHIMMER_PX = 1.0
 _DECIDED = 5
 
 
-def track(reference: GreyImage, image: GreyImage) -> tuple[FloatArray, FloatArray]:
+def track_corners(reference: GreyImage, image: GreyImage) -> tuple[FloatArray, FloatArray]:
     """Tracks corners of `reference` into `image`.
 
     Returns:
@@ -31,16 +31,16 @@ def track(reference: GreyImage, image: GreyImage) -> tuple[FloatArray, FloatArra
 
 def median_motion(reference: GreyImage, image: GreyImage) -> float:
     """Median length of the tracks in px; 0 where nothing can be tracked."""
-    _, displacements = track(reference, image)
+    _, displacements = track_corners(reference, image)
     return float(np.median(np.linalg.norm(displacements, axis=1))) if len(displacements) else 0.0
 
 
-def sharpness(image: GreyImage) -> float:
+def measure_sharpness(image: GreyImage) -> float:
     """Variance of the Laplacian, grey levels squared."""
     return float(cv2.Laplacian(image, cv2.CV_32F).var())
 
 
-def thumbnail(image: GreyImage, side: int) -> GreyImage:
+def make_thumbnail(image: GreyImage, side: int) -> GreyImage:
     """The image reduced to `side` px on the longest side."""
     factor = min(1.0, side / max(image.shape))
     return np.asarray(
@@ -57,21 +57,21 @@ class StillnessTest:
     """
 
     def __init__(self, first: GreyImage) -> None:
-        self._reference = thumbnail(first, STILL_SIDE)
+        self._reference = make_thumbnail(first, STILL_SIDE)
         self._still: list[bool] = []
 
     def add(self, image: GreyImage) -> None:
         """Measures one more frame, unless the camera is already known to move."""
         if self._still.count(False) <= self._still.count(True) + _DECIDED:
-            self._still.append(self._is_still(thumbnail(image, STILL_SIDE)))
+            self._still.append(self._matches_reference(make_thumbnail(image, STILL_SIDE)))
 
     @property
-    def still(self) -> bool:
+    def is_still(self) -> bool:
         """True where nine frames in ten stand where the first one does."""
         return self._still.count(True) >= 0.9 * max(len(self._still), 1)
 
-    def _is_still(self, image: GreyImage) -> bool:
-        points, displacements = track(self._reference, image)
+    def _matches_reference(self, image: GreyImage) -> bool:
+        points, displacements = track_corners(self._reference, image)
         if len(points) < 10:
             return True
         affine, _ = cv2.estimateAffinePartial2D(points, points + displacements, method=cv2.LMEDS)

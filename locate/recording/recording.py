@@ -77,21 +77,23 @@ class Recording:
         Raises:
             BadInputError: A photo cannot be read, or the frames change in size.
         """
-        for index, (time_s, name, image) in enumerate(self._images()):
+        for index, (time_s, name, image) in enumerate(self._source_images()):
             if image.shape != (self.source_height, self.source_width):
                 raise BadInputError(
                     f"{self.path}: frame {index} ({name}) is {image.shape[1]}x{image.shape[0]}, "
                     f"the first is {self.source_width}x{self.source_height}; "
                     "give frames of one camera and one size"
                 )
-            yield Frame(index=index, time_s=time_s, source=name, image=self._resized(image))
+            yield Frame(index=index, time_s=time_s, source=name, image=self._at_working_size(image))
 
-    def _images(self) -> Iterator[NamedImage]:
+    def _source_images(self) -> Iterator[NamedImage]:
         if self.read is not None:
             return self.read()
-        return _video_images(self.path, self.warnings) if self.is_video else _photos(self.photos)
+        return (
+            _video_images(self.path, self.warnings) if self.is_video else _photo_images(self.photos)
+        )
 
-    def _resized(self, image: GreyImage) -> GreyImage:
+    def _at_working_size(self, image: GreyImage) -> GreyImage:
         if image.shape == (self.height, self.width):
             return image
         return np.asarray(
@@ -115,7 +117,7 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
     is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES
     if path.is_dir() or is_photo:
         photos = (path,) if is_photo else _list_photos(path)
-        _, _, first = next(_photos(photos[:1]))
+        _, _, first = next(_photo_images(photos[:1]))
         focal = focal_of_photo(photos[0])
         expected_frames = len(photos)
     else:
@@ -156,7 +158,7 @@ def _list_photos(folder: Path) -> tuple[Path, ...]:
     return tuple(photos)
 
 
-def _photos(paths: tuple[Path, ...]) -> Iterator[tuple[float, str, GreyImage]]:
+def _photo_images(paths: tuple[Path, ...]) -> Iterator[tuple[float, str, GreyImage]]:
     for index, path in enumerate(paths):
         yield float(index), path.name, read_grey(path)
 
@@ -165,14 +167,14 @@ def _open_video(path: Path) -> "av.container.InputContainer":
     try:
         container = av.open(str(path))
     except UNREADABLE as error:
-        raise BadInputError(f"{path}: not a readable video ({_reason(error)})") from error
+        raise BadInputError(f"{path}: not a readable video ({_error_text(error)})") from error
     if not container.streams.video:
         container.close()
         raise BadInputError(f"{path}: holds no video stream")
     return container
 
 
-def _reason(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error)
 
 
@@ -208,7 +210,7 @@ def _video_images(path: Path, warnings: list[str]) -> Iterator[tuple[float, str,
                     continue
                 time_s = frame.time if frame.time is not None else count / rate
                 count += 1
-                yield time_s, path.name, _grey(frame)
+                yield time_s, path.name, _to_grey(frame)
         except UNREADABLE:
             broken = True
     if broken or (count and declared_s - (time_s - start_s) - 1 / rate > MISSING_TAIL_S):
@@ -217,7 +219,7 @@ def _video_images(path: Path, warnings: list[str]) -> Iterator[tuple[float, str,
             warnings.append(note)
 
 
-def _grey(frame: av.VideoFrame) -> GreyImage:
+def _to_grey(frame: av.VideoFrame) -> GreyImage:
     image = frame.to_ndarray(format="gray")
     quarter_turns = round(getattr(frame, "rotation", 0) / 90) % 4
     return np.ascontiguousarray(np.rot90(image, quarter_turns))

@@ -135,7 +135,7 @@ class Autopilot:
             return None
         above_start = self._origin.datum is HeightDatum.TAKEOFF
         height_m = (message.relative_alt if above_start else message.alt) / 1e3
-        place = self._origin.enu([message.lat / 1e7, message.lon / 1e7, height_m])
+        place = self._origin.to_enu([message.lat / 1e7, message.lon / 1e7, height_m])
         turn = WORLD_FROM_FRAME[mavlink.MAV_FRAME_LOCAL_NED]
         world_from_body = np.eye(4)
         world_from_body[:3, :3] = turn @ self._attitude[1].as_matrix()

@@ -10,7 +10,7 @@ from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose
-from locate.recording.images import bending
+from locate.recording.images import distortion_map
 from locate.robot.settings import LocatorSettings
 from locate.robot.window import FrameWindow, WindowFrame
 
@@ -56,7 +56,7 @@ class FrameRectifier:
     pinhole: Camera = field(init=False)
 
     def __post_init__(self) -> None:
-        self._distortion_map = bending(self.camera)
+        self._distortion_map = distortion_map(self.camera)
         factor = min(1.0, self.width_px / self.camera.width)
         self.pinhole = self.camera.undistorted().scaled(factor)
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from geometry.named_poses import resized
+from geometry.named_poses import resize_camera
 from geometry.pose_files import read_named_poses
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
@@ -131,7 +131,7 @@ def _read_strecha(folder: Path) -> Content:
     full = Camera(model="PINHOLE", width=width, height=height, params=params)
     rotations = np.swapaxes(numbers[:, 12:21].reshape(-1, 3, 3), 1, 2)
     trajectory = Trajectory(
-        camera=resized(full, *_photo_size(_find_photo(folder, names[0]))),
+        camera=resize_camera(full, *_photo_size(_find_photo(folder, names[0]))),
         indices=np.arange(len(names)),
         times_s=np.zeros(len(names)),
         rotations=rotations,

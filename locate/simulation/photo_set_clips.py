@@ -12,7 +12,7 @@ from geometry.arrays import FloatArray, GreyImage
 from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.recording.images import bending
+from locate.recording.images import distortion_map
 from locate.simulation.capture import Footage
 from locate.simulation.clips import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, clip_of_frames
 from locate.simulation.photo_overlay import OntoRenderer, displace, output_trajectory
@@ -87,7 +87,7 @@ def _filmed(scene: Scene, photos: PhotoSet, trajectory: Trajectory, factor: int)
 
 def _straight(photos: PhotoSet, i: int) -> GreyImage:
     """Photo `i` as the undistorted camera would have taken it."""
-    places = bending(photos.trajectory.camera)
+    places = distortion_map(photos.trajectory.camera)
     image = photos.image(i)
     return image if places is None else np.rint(sample(image, places)).clip(0, 255).astype(np.uint8)
 

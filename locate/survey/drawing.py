@@ -106,7 +106,7 @@ def draw_map(survey: Survey, layers: Sequence[MapLayer]) -> str:
 def _flight_path(survey: Survey, lon_lat: FloatArray) -> FloatArray:
     """(N, 2) east and north of places on the Earth, at the origin's height."""
     heights = np.full(len(lon_lat), survey.frame.height_m)
-    return survey.frame.enu(np.column_stack([lon_lat[:, ::-1], heights]))[:, :2]
+    return survey.frame.to_enu(np.column_stack([lon_lat[:, ::-1], heights]))[:, :2]
 
 
 def _map_extent(

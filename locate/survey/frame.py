@@ -66,7 +66,7 @@ def offset_of(flight: Flight, frame: Georeference) -> FlightOffset:
     take-off never are: the flight's height is left free then.
     """
     own = flight.georeference
-    corners = frame.enu(own.lat_lon_height(np.vstack([np.zeros(3), np.eye(3)])))
+    corners = frame.to_enu(own.lat_lon_height(np.vstack([np.zeros(3), np.eye(3)])))
     survey_from_flight = Similarity(
         scale=1.0, rotation=(corners[1:] - corners[0]).T, translation=corners[0]
     )

@@ -67,7 +67,7 @@ class CampaignTruth:
         feet = [[column["source"] or [np.nan] * 3 for column in row] for row in columns]
 
         def to_survey_frame(points: Any) -> FloatArray:
-            flat = frame.enu(own.lat_lon_height(np.reshape(points, (-1, 3))))
+            flat = frame.to_enu(own.lat_lon_height(np.reshape(points, (-1, 3))))
             return flat.reshape(np.shape(points))
 
         return cls(

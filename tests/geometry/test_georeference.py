@@ -227,7 +227,7 @@ def test_nothing_and_a_resting_camera_are_refused() -> None:
 
 def test_the_origin_may_be_of_any_float() -> None:
     place = np.array([47.2, 8.5, 450.0])
-    exact = Georeference.at(place, HeightDatum.ELLIPSOID, "o")
+    exact = Georeference.from_origin(place, HeightDatum.ELLIPSOID, "o")
     loose = replace(exact, lat_deg=place[0], lon_deg=place[1], height_m=place[2])
     point = [[30.0, -20.0, 10.0]]
     np.testing.assert_array_equal(loose.lat_lon_height(point), exact.lat_lon_height(point))

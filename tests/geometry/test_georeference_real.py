@@ -36,7 +36,7 @@ def reconstructed(folder: Path, workdir: Path) -> tuple[Reconstruction, Telemetr
 def local_positions(track: TelemetryTrack) -> np.ndarray:
     """(N, 3) in the frame of the first fix; heights above the sea, whichever sea."""
     fixes = np.stack([track.latitude_deg, track.longitude_deg, track.altitude_m], axis=1)
-    return Georeference.at(fixes[0], HeightDatum.MEAN_SEA_LEVEL, "first fix").enu(fixes)
+    return Georeference.from_origin(fixes[0], HeightDatum.MEAN_SEA_LEVEL, "first fix").to_enu(fixes)
 
 
 def scale(fitted: Alignment) -> float:

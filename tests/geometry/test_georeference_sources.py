@@ -32,7 +32,7 @@ def degrees_between(a: np.ndarray, b: np.ndarray) -> float:
 
 def test_local_and_geodetic_are_inverse_over_kilometres() -> None:
     points = np.random.default_rng(1).uniform(-5000, 5000, size=(50, 3))
-    np.testing.assert_allclose(DULUTH.enu(DULUTH.lat_lon_height(points)), points, atol=1e-6)
+    np.testing.assert_allclose(DULUTH.to_enu(DULUTH.lat_lon_height(points)), points, atol=1e-6)
 
 
 def test_one_metre_east_and_north_on_the_ellipsoid() -> None:
@@ -49,7 +49,9 @@ def test_one_metre_east_and_north_on_the_ellipsoid() -> None:
 def test_heights_are_never_mixed_without_a_geoid() -> None:
     point = np.zeros((1, 3))
     assert DULUTH.heights_in(HeightDatum.ELLIPSOID, point) == pytest.approx([198.0])
-    unnamed = Georeference.at([46.8, -92.0, 198.0], HeightDatum.MEAN_SEA_LEVEL, "first fix")
+    unnamed = Georeference.from_origin(
+        [46.8, -92.0, 198.0], HeightDatum.MEAN_SEA_LEVEL, "first fix"
+    )
     assert unnamed.heights_in(HeightDatum.ELLIPSOID, point) is None
     converted = DULUTH.heights_in(HeightDatum.EGM96, point)
     # With a geoid grid installed: it lies about 30 m below the ellipsoid at Duluth.
@@ -61,7 +63,7 @@ def test_a_georeference_survives_its_block() -> None:
     with pytest.raises(BadInputError, match="'sea' is not a valid HeightDatum"):
         Georeference.from_dict(DULUTH.to_dict() | {"height_datum": "sea"})
     with pytest.raises(BadInputError, match="not on the Earth"):
-        Georeference.at([-92.0, 46.8, 1.0], HeightDatum.UNKNOWN, "swapped")
+        Georeference.from_origin([-92.0, 46.8, 1.0], HeightDatum.UNKNOWN, "swapped")
 
 
 @pytest.mark.parametrize("pitch_deg", [-90.0, -60.0, 0.0])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from geometry.camera import Camera
-from geometry.grid import Box, sum_evidence
+from geometry.grid import VoxelBox, sum_evidence
 from geometry.trajectory import Trajectory
 
 CAMERA = Camera.pinhole(64, 48, 60.0)
@@ -21,7 +21,7 @@ def two_views() -> Trajectory:
 
 
 def test_slices_meet_the_pixels_that_their_voxels_project_to() -> None:
-    box = Box.around(np.array([-1.0, -1.5, -0.7]), np.array([1.0, 1.5, 0.9]), longest=6)
+    box = VoxelBox.from_corners(np.array([-1.0, -1.5, -0.7]), np.array([1.0, 1.5, 0.9]), longest=6)
     trajectory = two_views()
     zyx = np.argwhere(np.ones(box.shape)).astype(float)
     for i in range(2):
@@ -40,7 +40,7 @@ def test_a_voxel_holds_what_the_views_say_where_it_is_seen() -> None:
     seen = np.rint([trajectory.project(i, np.zeros((1, 3)))[0] for i in range(2)]).astype(int)
     for i, (x, y) in enumerate(seen):
         llr[i, y - 3 : y + 4, x - 3 : x + 4] = 1.0
-    box = Box.around(np.full(3, -0.05), np.full(3, 0.05), longest=1)
+    box = VoxelBox.from_corners(np.full(3, -0.05), np.full(3, 0.05), longest=1)
     far = np.full_like(llr, 1e-3)
     assert sum_evidence(box, trajectory, llr, far).llr[0, 0, 0] == 2.0
     near = np.full_like(llr, 1.0)

@@ -12,7 +12,7 @@ from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.georeference import Alignment, Georeference, HeightDatum
 from geometry.georeference.constraints import point_jacobian
-from geometry.grid import Box, EvidenceGrid
+from geometry.grid import EvidenceGrid, VoxelBox
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.map.georeferenced import georeference_map
@@ -76,7 +76,7 @@ def answer(flown: Flown, place: Georeference) -> PlumeMap:
     """What the flight says it saw: its offset in all of it, its own error in each."""
     rng = np.random.default_rng(flown.seed or 0)
     errs = 0.0 if flown.seed is None else 1.0
-    true = place.enu(FIELD.lat_lon_height(flown.feet))
+    true = place.to_enu(FIELD.lat_lon_height(flown.feet))
     offset = errs * OFFSET_SIGMAS * rng.normal(size=7)
     own = errs * OWN_SIGMA_M * rng.normal(size=true.shape)
     said = true + point_jacobian(true) @ offset + own
@@ -107,7 +107,7 @@ def over_the_field(flown: Flown, place: Georeference, frames: int = 10) -> Traje
     """Straight north over the middle of `FIELD`, looking down."""
     north = np.linspace(-36, 36, frames)
     centers = np.column_stack([np.zeros(frames), north, np.full(frames, HEIGHT_M)])
-    in_flight = place.enu(FIELD.lat_lon_height(centers))
+    in_flight = place.to_enu(FIELD.lat_lon_height(centers))
     return Trajectory(
         camera=Camera.pinhole(64, 48, 60.0),
         indices=np.arange(frames),
@@ -131,7 +131,7 @@ def _write_detections(folder: Path, trajectory: Trajectory, sigma_px: float) -> 
         ).save(folder / "detections" / f"{index:06d}.npz")
     index_file = {"detector": "registered", "indices": trajectory.indices.tolist()}
     (folder / "detections" / "index.json").write_text(json.dumps(index_file))
-    box = Box(low_in_world=np.zeros(3), voxel=1.0, shape=(1, 1, 1))
+    box = VoxelBox(low_in_world=np.zeros(3), voxel=1.0, shape=(1, 1, 1))
     nothing = np.zeros(box.shape, np.float32)
     grid = EvidenceGrid(box=box, llr=nothing, weight=nothing)
     save_evidence(grid, THRESHOLD_NATS, folder / "evidence.npz")

@@ -60,7 +60,7 @@ def test_our_own_reader_finds_the_cameras_in_the_subtitles(rendered):
         assert track.kind == "DJI SRT"
         assert track.times_s == pytest.approx(cameras.times_s)
         written = np.stack([track.latitude_deg, track.longitude_deg, track.altitude_m], axis=1)
-        assert place.enu(written) == pytest.approx(cameras.centers_in_world, abs=0.02)
+        assert place.to_enu(written) == pytest.approx(cameras.centers_in_world, abs=0.02)
         assert track.height_m == pytest.approx(cameras.centers_in_world[:, 2], abs=0.01)
         start = dt.datetime.fromisoformat(flight["start_local"]).replace(tzinfo=dt.UTC)
         assert track.clock_s[0] == pytest.approx(start.timestamp())
@@ -75,7 +75,7 @@ def test_truth_says_which_column_stood_where(rendered):
         assert (roof["on"], never["on"], never["source"]) == (True, False, None)
         drifted = np.array([2, 20, 3]) + 3 * np.array([*flight["wind_mps"], 0])
         assert roof["source"] == pytest.approx(drifted)
-        assert place.enu(roof["lat_lon_height"])[0] == pytest.approx(drifted, abs=1e-4)
+        assert place.to_enu(roof["lat_lon_height"])[0] == pytest.approx(drifted, abs=1e-4)
         assert SceneTruth.load(rendered / flight["truth"]).sources == pytest.approx(drifted[None])
 
 

@@ -29,7 +29,7 @@ DATUMS = [HeightDatum.ELLIPSOID, HeightDatum.EGM96, HeightDatum.MEAN_SEA_LEVEL]
 
 
 def helsinki(datum: HeightDatum = HeightDatum.ELLIPSOID) -> Georeference:
-    return Georeference.at(ORIGIN, datum, "first fix")
+    return Georeference.from_origin(ORIGIN, datum, "first fix")
 
 
 def answer(datum: HeightDatum = HeightDatum.ELLIPSOID) -> PlumeMap:
@@ -91,7 +91,7 @@ def test_gdal_reads_the_geojson(tmp_path: Path) -> None:
 
 def test_the_ellipse_holds_the_horizontal_error_at_95_percent() -> None:
     one = plumes_on_earth(answer())[0]
-    ring = helsinki().enu(
+    ring = helsinki().to_enu(
         np.column_stack([one.ellipse_lon_lat[:, ::-1], np.full(len(one.ellipse_lon_lat), 14.5)])
     )
     off = (ring - SOURCES[0])[:, :2]
@@ -101,7 +101,7 @@ def test_the_ellipse_holds_the_horizontal_error_at_95_percent() -> None:
 
 
 def test_an_ellipse_over_the_date_line_does_not_jump() -> None:
-    at_180 = Georeference.at([-17.0, 179.99999995, 0.0], HeightDatum.ELLIPSOID, "Fiji")
+    at_180 = Georeference.from_origin([-17.0, 179.99999995, 0.0], HeightDatum.ELLIPSOID, "Fiji")
     wide = plume(np.zeros(3), source_covariance=np.eye(3))
     ring = plumes_on_earth(plume_map(wide, georeference=at_180.to_dict()))[0].ellipse_lon_lat
     assert np.ptp(ring[:, 0]) < 1e-3
@@ -192,7 +192,7 @@ def test_aerofiles_reads_the_soaring_waypoints(
     tmp_path: Path, origin: tuple[float, float, float]
 ) -> None:
     seeyou = pytest.importorskip("aerofiles.seeyou")
-    frame = Georeference.at(origin, HeightDatum.EGM96, "field")
+    frame = Georeference.from_origin(origin, HeightDatum.EGM96, "field")
     one = plume_map(plume(np.zeros(3)), georeference=frame.to_dict())
     path = tmp_path / "plumes.cup"
     write_cup(path, one)
@@ -241,7 +241,7 @@ def test_laspy_reads_the_cloud(
 
 def test_utm_is_a_map_projection_of_the_right_place() -> None:
     """On the central meridian the scale is 0.9996 and grid north is true north."""
-    frame = Georeference.at([0.0, 27.0, 0.0], HeightDatum.ELLIPSOID, "equator")
+    frame = Georeference.from_origin([0.0, 27.0, 0.0], HeightDatum.ELLIPSOID, "equator")
     east, north, up = utm_positions(frame, np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]])).T
     assert [east[0], north[0], up[0]] == pytest.approx([500_000, 0, 0], abs=1e-6)
     assert east[1] - east[0] == pytest.approx(99.96, abs=1e-3)

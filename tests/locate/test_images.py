@@ -6,7 +6,7 @@ import pytest
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.recording.images import FrameImages, bending
+from locate.recording.images import FrameImages, distortion_map
 
 
 def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -28,9 +28,9 @@ def test_undistorted_frame_shows_what_the_pinhole_would_have_seen(tmp_path: Path
 
 
 def test_harmless_lens_leaves_the_pixels_alone() -> None:
-    assert bending(Camera.pinhole(64, 48, 60)) is None
+    assert distortion_map(Camera.pinhole(64, 48, 60)) is None
     tiny = Camera(model="SIMPLE_RADIAL", width=64, height=48, params=(60, 31.5, 23.5, -1e-5))
-    assert bending(tiny) is None
+    assert distortion_map(tiny) is None
 
 
 def test_lost_frame_is_named(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_photos_with_gps_are_placed_on_the_earth(flight: Trajectory, tmp_path: P
     assert (moved.metric, moved.gravity) == (True, True)
     assert placement.georeference is not None
     there = placement.georeference.lat_lon_height(moved.centers_in_world)
-    error_m = np.linalg.norm(ORIGIN.enu(there) - flight.centers_in_world, axis=1)
+    error_m = np.linalg.norm(ORIGIN.to_enu(there) - flight.centers_in_world, axis=1)
     assert error_m.max() < 1.0
     np.testing.assert_allclose(
         np.ptp(moved.centers_in_world, axis=0), np.ptp(flight.centers_in_world, axis=0), atol=1.0

@@ -54,7 +54,7 @@ def test_hotspots_are_where_columns_stood(done: tuple[Survey, Path]) -> None:
     answer, _ = done
     assert len(answer.hotspots) == len(SITES)
     assert [spot.occurrence[0].seen for spot in answer.hotspots] == [5, 3, 2]
-    sites = answer.frame.enu(FIELD.lat_lon_height(SITES[[0, 1, 2]]))
+    sites = answer.frame.to_enu(FIELD.lat_lon_height(SITES[[0, 1, 2]]))
     for spot, site in zip(answer.hotspots, sites, strict=True):
         error = np.array(spot.position) - site
         assert error @ np.linalg.solve(np.array(spot.covariance), error) < 14.2  # 99.7 %

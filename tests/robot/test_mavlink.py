@@ -158,7 +158,7 @@ def test_leak_reaches_the_other_end_of_a_link() -> None:
         assert command.command == mavlink.MAV_CMD_DO_SET_ROI_LOCATION
         assert command.frame == mavlink.MAV_FRAME_GLOBAL
         where = [command.x / 1e7, command.y / 1e7, command.z]
-        np.testing.assert_allclose(ORIGIN.enu(where)[0], LEAK.source, atol=0.02)
+        np.testing.assert_allclose(ORIGIN.to_enu(where)[0], LEAK.source, atol=0.02)
     finally:
         robot.close()
         ground.close()
@@ -181,8 +181,8 @@ def test_plan_looks_at_each_leak_and_circles_above() -> None:
     assert [item["command"] for item in items] == [195, 17, 195, 17]
     assert [item["doJumpId"] for item in items] == [1, 2, 3, 4]
     assert all(len(item["params"]) == 7 for item in items)
-    np.testing.assert_allclose(ORIGIN.enu(items[0]["params"][4:])[0], LEAK.source, atol=1e-6)
-    above = ORIGIN.enu(items[1]["params"][4:])[0]
+    np.testing.assert_allclose(ORIGIN.to_enu(items[0]["params"][4:])[0], LEAK.source, atol=1e-6)
+    above = ORIGIN.to_enu(items[1]["params"][4:])[0]
     np.testing.assert_allclose(above - LEAK.source, [0, 0, 10], atol=1e-6)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import gumbel_r
 
 from geometry.arrays import FloatArray
-from geometry.grid import Box
+from geometry.grid import VoxelBox
 from locate.fusion.search.fit import fit_columns
 from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
 from locate.fusion.search.score import column_evidence
@@ -47,7 +47,7 @@ class NullLevel:
     def from_views(
         cls,
         views: Views,
-        box: Box,
+        box: VoxelBox,
         rng: np.random.Generator,
         *,
         progress: Callable[[float], None],
@@ -76,7 +76,7 @@ class NullLevel:
         return float(gumbel_r.isf(false_alarm, self.location, self.scale))
 
 
-def draw_strongest(views: Views, box: Box, rng: np.random.Generator) -> float:
+def draw_strongest(views: Views, box: VoxelBox, rng: np.random.Generator) -> float:
     """The strongest column of one volume in which the views agree on nothing, nats."""
     width = views.llr.shape[2]
     shares = rng.uniform(SMALLEST_SHIFT, 1 - SMALLEST_SHIFT, size=len(views))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
-from geometry.grid import Box, EvidenceGrid, sum_evidence
+from geometry.grid import EvidenceGrid, VoxelBox, sum_evidence
 from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
 
@@ -56,7 +56,7 @@ def best_interval(evidence: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
     return best, first, last
 
 
-def propose_columns(views: Views, box: Box, *, most: int) -> tuple[Proposals, EvidenceGrid]:
+def propose_columns(views: Views, box: VoxelBox, *, most: int) -> tuple[Proposals, EvidenceGrid]:
     """The `most` strongest, well separated columns of the summed evidence."""
     unit = views.unit
     grid = sum_evidence(box, views.trajectory, views.llr, views.inverse_depth)
@@ -101,7 +101,7 @@ def _find_peaks(
     slope: tuple[float, float],
     radius: float,
     *,
-    box: Box,
+    box: VoxelBox,
     unit: float,
     most: int,
 ) -> list[tuple[PlumeColumn, float]]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.grid import lever
+from geometry.grid import relative_lever
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.search.score import score_columns
 from locate.fusion.views import Views
@@ -179,6 +179,6 @@ def _axis_levers(views: Views, i: int, points: FloatArray) -> FloatArray:
     inside = np.all((pixel >= 0) & (pixel < [width, height]), axis=1)
     x, y = np.where(inside[:, None], pixel, 0).astype(int).T
     depth = in_cam[:, 2].astype(np.float32)
-    levers = lever(depth, views.inverse_depth[i][y, x]).astype(float)
+    levers = relative_lever(depth, views.inverse_depth[i][y, x]).astype(float)
     levers[~inside] = np.nan
     return levers
