@@ -37,8 +37,8 @@ robot = typer.Typer(
 )
 
 
-@robot.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
-def ros2(context: typer.Context) -> None:
+@robot.command("ros2", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def run_ros2_node(context: typer.Context) -> None:
     """Run the ROS 2 node; what follows goes to ROS, such as --ros-args -r image:=/camera/image.
 
     The parameters, topics and services are in docs/robot.md.
@@ -48,8 +48,8 @@ def ros2(context: typer.Context) -> None:
     main(context.args)
 
 
-@robot.command()
-def bag(
+@robot.command("bag")
+def play_bag(
     recording: Annotated[
         Path, typer.Argument(help="A .mcap, .db3 or .bag file, or the folder of a ROS 2 bag.")
     ],
@@ -75,7 +75,7 @@ def bag(
     from locate.messages.wiring import Wiring
     from locate.robot.bag_playing import locate_in_bag
 
-    settings = _settings(width_px=width_px, neighbours=neighbours)
+    settings = _make_settings(width_px=width_px, neighbours=neighbours)
     with progress_bars(err) as report:
         plume_map = locate_in_bag(
             recording,
@@ -88,8 +88,8 @@ def bag(
     out.print(map_table(plume_map))
 
 
-@robot.command()
-def dds(
+@robot.command("dds")
+def run_dds_node(
     image_topic: Annotated[
         str, typer.Option(help="Of the images; compressed ones end with /compressed.")
     ] = "/image",
@@ -127,7 +127,7 @@ def dds(
         pose_source=source,
         rectified=rectified,
     )
-    settings = _settings(
+    settings = _make_settings(
         width_px=width_px, neighbours=neighbours, detector_workers=detector_workers
     )
     names = TopicNames(image=image_topic, camera_info=info_topic, pose=pose_topic or "")
@@ -141,7 +141,7 @@ def dds(
         node.close()
 
 
-def _settings(**asked: Any) -> "LocatorSettings":
+def _make_settings(**asked: Any) -> "LocatorSettings":
     """The locator's settings, with what was asked for."""
     from locate.robot.settings import LocatorSettings
 

@@ -58,7 +58,7 @@ class RecordingSource:
             BadInputError: They cannot be read.
         """
         if self.bag is not None:
-            return self.bag.recording(max_side=max_side)
+            return self.bag.open_recording(max_side=max_side)
         return open_recording(self.config.recording, max_side=max_side)
 
     def known_camera(self, key_frames: KeyFrames) -> Camera | None:

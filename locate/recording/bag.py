@@ -16,7 +16,8 @@ from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose, trajectory_
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
 
-PENDING_NS = 10 * NS_PER_S
+WAITING_NS = 10 * NS_PER_S
+"""Images wait this long for a pose (chosen)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +26,7 @@ class BagRecording:
 
     Attributes:
         path: The bag.
-        topics: Those asked for; what is not there is done without.
+        topics: Those chosen; those that are missing are not used.
         wiring: How the robot's frames hang together.
     """
 
@@ -33,7 +34,7 @@ class BagRecording:
     topics: TopicChoice = field(default_factory=TopicChoice)
     wiring: Wiring = field(default_factory=Wiring)
 
-    def recording(self, *, max_side: int) -> Recording:
+    def open_recording(self, *, max_side: int) -> Recording:
         """The frames, as those of a video.
 
         Args:
@@ -42,7 +43,7 @@ class BagRecording:
         Raises:
             BadInputError: It is no bag, or holds no images that can be read.
         """
-        first = next(self._images([]), None)
+        first = next(self._read_images([]), None)
         if first is None:
             raise BadInputError(f"{self.path}: not one image of this bag can be read")
         height, width = first[2].shape
@@ -57,7 +58,7 @@ class BagRecording:
             source_height=height,
             focal=None,
             warnings=warnings,
-            read=lambda: self._images(warnings),
+            read=lambda: self._read_images(warnings),
         )
 
     @cached_property
@@ -65,7 +66,9 @@ class BagRecording:
         """By the first camera_info that can be used; None where there is none."""
         with open_bag(self.path) as reader:
             topics = BagTopics(reader, self.path, self.topics, whole=False)
-            for _, _, message in topics.read_messages([topics.info] if topics.info else [], _pass):
+            for _, _, message in topics.read_messages(
+                [topics.info] if topics.info else [], _skip_message
+            ):
                 try:
                     return camera_from_info(message, rectified=self.wiring.rectified)
                 except BadInputError:
@@ -73,13 +76,13 @@ class BagRecording:
         return None
 
     def poses(self, camera: Camera | None) -> NamedPoses | None:
-        """Where the camera was at each image that has a pose; None where no topic says so.
+        """Where the camera was at each image that has a pose; None where no topic holds poses.
 
         Args:
             camera: That took them; None where it is not known.
 
         Raises:
-            BadInputError: The topic does not say where the camera was at any of them, or the
+            BadInputError: The topic holds no pose for any of them, or the
                 camera is missing.
         """
         with open_bag(self.path) as reader:
@@ -89,7 +92,7 @@ class BagRecording:
             if camera is None:
                 raise BadInputError(f"{self.path}: holds poses and no camera_info; give --camera")
             search = _PoseSearch(topics.with_pose_source(self.wiring))
-            found = {pose.stamp_ns: pose for pose in search.run(topics)}
+            found = {pose.stamp_ns: pose for pose in search.find_poses(topics)}
         if not found:
             why = search.refusal or f"TF does not lead from the images to {self.wiring.world_frame}"
             raise BadInputError(f"{self.path}: no image has a pose ({why}); see --pose-topic")
@@ -106,13 +109,13 @@ class BagRecording:
         with open_bag(self.path) as reader:
             return BagTopics(reader, self.path, self.topics, whole=False).pose is not None
 
-    def _images(self, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
+    def _read_images(self, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
         """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""
         grey = GreyReader()
         start_ns: int | None = None
         with open_bag(self.path) as reader:
             topics = BagTopics(reader, self.path, self.topics, whole=False)
-            for _, _, message in topics.read_messages([topics.image], _pass):
+            for _, _, message in topics.read_messages([topics.image], _skip_message):
                 try:
                     image, stamp = grey.read(message), read_stamp_ns(message.header)
                 except BadInputError as error:
@@ -131,35 +134,37 @@ class _PoseSearch:
         self._pose_resolver = PoseResolver(wiring)
         self._poses = PoseBuffer()
         self._by_tf = wiring.pose_source == "tf"
-        self._pending: list[int] = []
+        self._waiting: list[int] = []
 
-    def run(self, topics: BagTopics) -> Iterator[StampedPose]:
+    def find_poses(self, topics: BagTopics) -> Iterator[StampedPose]:
         transforms = topics.transform_topics
         for topic, _, message in topics.read_messages(
-            [t for t in transforms if transforms[t]], _pass
+            [t for t in transforms if transforms[t]], _skip_message
         ):
             self._pose_resolver.tree.add(message.transforms, static=transforms[topic])
         poses = [] if self._by_tf or topics.pose is None else [topics.pose]
-        for topic, _, message in topics.read_messages([topics.image, *transforms, *poses], _pass):
+        for topic, _, message in topics.read_messages(
+            [topics.image, *transforms, *poses], _skip_message
+        ):
             if topic == topics.image:
                 self._pose_resolver.camera_frame = (
                     self._pose_resolver.camera_frame or message.header.frame_id
                 )
-                self._pending.append(read_stamp_ns(message.header))
+                self._waiting.append(read_stamp_ns(message.header))
             elif topic in transforms:
                 self._pose_resolver.tree.add(message.transforms, static=transforms[topic])
             else:
-                self._add(message)
-            yield from self._found()
+                self._add_pose(message)
+            yield from self._match_waiting()
 
-    def _add(self, message: Any) -> None:
+    def _add_pose(self, message: Any) -> None:
         try:
             self._poses.add(self._pose_resolver.pose_from_message(message))
         except BadInputError as error:
             self.refusal = str(error)
 
-    def _found(self) -> Iterator[StampedPose]:
-        for stamp in list(self._pending):
+    def _match_waiting(self) -> Iterator[StampedPose]:
+        for stamp in list(self._waiting):
             pose = (
                 self._pose_resolver.pose_from_tf(stamp)
                 if self._by_tf
@@ -167,9 +172,9 @@ class _PoseSearch:
             )
             if pose is not None:
                 yield pose
-            if pose is not None or stamp < self._pending[-1] - PENDING_NS:
-                self._pending.remove(stamp)
+            if pose is not None or stamp < self._waiting[-1] - WAITING_NS:
+                self._waiting.remove(stamp)
 
 
-def _pass(_what: str, _error: BadInputError) -> None:
-    """A message that cannot be decoded is left out."""
+def _skip_message(_what: str, _error: BadInputError) -> None:
+    """Leaves out a message that cannot be decoded."""

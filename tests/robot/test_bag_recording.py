@@ -133,13 +133,13 @@ WITH_ODOMETRY = TopicChoice(pose="/odom")
 
 def test_frames_are_the_images_that_can_be_read(trajectory: Trajectory, tmp_path: Path) -> None:
     bag = BagRecording(path=written(tmp_path, trajectory), topics=WITH_ODOMETRY)
-    recording = bag.recording(max_side=1280)
+    recording = bag.open_recording(max_side=1280)
     frames = list(recording.frames())
     assert len(frames) == COUNT - 1
     np.testing.assert_array_equal(frames[4].image, pattern(5))
     assert frames[4].time_s == pytest.approx(0.5)
     assert "nonsense" in recording.warnings[0]
-    assert next(iter(bag.recording(max_side=160).frames())).image.shape == (120, 160)
+    assert next(iter(bag.open_recording(max_side=160).frames())).image.shape == (120, 160)
 
 
 def test_run_takes_camera_and_poses_of_the_bag(trajectory: Trajectory, tmp_path: Path) -> None:
@@ -230,7 +230,7 @@ def test_bags_that_debians_rosbag_wrote_are_read(compression: str) -> None:
     """The files are by python3-rosbag of Debian 12: a writer that nobody here wrote."""
     path = Path(__file__).parent / "data" / f"debian_{compression}.bag"
     bag = BagRecording(path=path)
-    frames = list(bag.recording(max_side=1280).frames())
+    frames = list(bag.open_recording(max_side=1280).frames())
     assert [int(frame.image.mean()) for frame in frames] == [1, 11, 21, 31, 41, 51]
     assert bag.camera is not None
     assert bag.camera.focal_px == 28.0
@@ -252,6 +252,6 @@ def test_damaged_bags_are_refused_in_one_line(
     cut.write_bytes(whole[:at])
     scratched.write_bytes(whole[:at] + bytes(64) + whole[at + 64 :])
     with pytest.raises(BadInputError, match=r"cut\.bag"):
-        BagRecording(path=cut).recording(max_side=640)
+        BagRecording(path=cut).open_recording(max_side=640)
     with suppress(BadInputError):  # what is scratched may be a picture
-        BagRecording(path=scratched).recording(max_side=640)
+        BagRecording(path=scratched).open_recording(max_side=640)
