@@ -20,9 +20,11 @@ from locate.map.plume import PlumeMap
 from locate.messages.bags import TopicChoice
 from locate.messages.codec import read_stamp_ns
 from locate.messages.poses import NS_PER_S
-from locate.messages.wiring import Wiring
 from locate.pipeline.config import RunConfig
+from locate.pipeline.poses import frames_with_poses
+from locate.pipeline.publish import _write_bag
 from locate.pipeline.run import Run
+from locate.recording import KeyFrames
 from locate.recording.bag import BagRecording
 from locate.simulation.evidence import orbit_trajectory
 from tests.robot.test_bag_playing import MOUNT, MessageRecorder
@@ -145,8 +147,8 @@ def test_frames_are_the_images_that_can_be_read(trajectory: Trajectory, tmp_path
 def test_run_takes_camera_and_poses_of_the_bag(trajectory: Trajectory, tmp_path: Path) -> None:
     path = written(tmp_path, trajectory)
     run = Run(RunConfig(recording=path, pose_topic="/odom"), tmp_path / "out")
-    run._frames()
-    found = run._recorded().trajectory
+    run.prepare()
+    found = frames_with_poses(run.files, KeyFrames.load(run.files.frame_index)).trajectory
     assert found is not None
     assert found.metric
     assert found.gravity
@@ -164,14 +166,16 @@ def test_run_takes_camera_and_poses_of_the_bag(trajectory: Trajectory, tmp_path:
 def test_what_was_found_is_a_bag_in_the_world_of_the_poses(
     trajectory: Trajectory, tmp_path: Path, *, poses: bool
 ) -> None:
-    topics = WITH_ODOMETRY if poses else TopicChoice()
-    bag = BagRecording(
-        path=written(tmp_path, trajectory, poses=poses),
-        topics=topics,
-        wiring=Wiring(world_frame="odom"),
+    config = RunConfig(
+        recording=written(tmp_path, trajectory, poses=poses),
+        pose_topic="/odom" if poses else None,
+        world_frame="odom",
     )
+    run = Run(config, tmp_path / "out")
+    run.prepare(poses=False)
+    key_frames = KeyFrames.load(run.files.frame_index)
     found = PlumeMap(units="m", gravity=True, detector="a", version="1", plumes=(plume(),))
-    assert bag.write(found, tmp_path / "plumes", str(stamp(11))) is poses
+    assert _write_bag(run.source, key_frames, found, tmp_path / "plumes") is poses
     assert (tmp_path / "plumes" / "plumes.mcap").is_file() is poses
     if not poses:
         return
@@ -181,7 +185,7 @@ def test_what_was_found_is_a_bag_in_the_world_of_the_poses(
         }
     leak = messages[f"/locate/leak_{plume().id}"]
     assert leak.header.frame_id == "odom"
-    assert read_stamp_ns(leak.header) == stamp(11)
+    assert read_stamp_ns(leak.header) == int(key_frames.frames[-1].source)
     assert leak.pose.pose.position.x == plume().source[0]
     assert len(messages["/locate/markers"].markers) > 1
 
@@ -212,12 +216,7 @@ def test_topics_that_are_not_there_are_named(
     path = written(tmp_path, trajectory)
     run = Run(RunConfig(recording=path, **options), tmp_path / "out")
     with pytest.raises(BadInputError, match=part):
-        _begun(run)
-
-
-def _begun(run: Run) -> None:
-    run._frames()
-    run._recorded()
+        run.prepare()
 
 
 def test_topic_of_something_that_is_no_bag(tmp_path: Path) -> None:
