@@ -8,7 +8,7 @@ import numpy as np
 
 from detect.detection import Frames
 from detect.registered import RegisteredDetector
-from detect.registered.measure import Measurement
+from detect.registered.registration import Measurement
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory

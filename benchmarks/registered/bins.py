@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.registered.tally import Tally
 from detect.evidence import LLR_MAX, LLR_MIN
-from detect.registered.learned import CLASS_NAMES
+from detect.registered.evidence_network import CLASS_NAMES
 
 BINS = np.array([LLR_MIN, -1, -0.5, 0.5, 1, 1.5, 2, 2.5, 3, 3.5, LLR_MAX])
 FEWEST = 50

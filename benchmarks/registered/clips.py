@@ -8,7 +8,7 @@ from benchmarks.registered.bins import print_reliability
 from benchmarks.registered.tally import Tally
 from detect.learning.clips import KINDS, TrainingClip, clip_seed
 from detect.learning.registered_calibration import chosen
-from detect.registered.learned import Reader
+from detect.registered.evidence_network import EvidenceNetwork
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,8 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    reader = Reader(options.network)
-    tallies: defaultdict[str, Tally] = defaultdict(lambda: Tally(reader))
+    network = EvidenceNetwork(options.network)
+    tallies: defaultdict[str, Tally] = defaultdict(lambda: Tally(network))
     for path in chosen(options.lessons, options.seeds):
         clip = TrainingClip.load(path)
         tallies[KINDS[clip.kind]].add(clip, clip_seed(path))

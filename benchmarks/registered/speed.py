@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.scenes.limit import recorded
 from detect.registered.detector import RegisteredDetector, displacement_sigma
-from detect.registered.features import FEATURES, features
-from detect.registered.learned import Reader
+from detect.registered.evidence_network import EvidenceNetwork
+from detect.registered.features import FEATURES, stack_features
 from locate.pipeline.detections import spread_rows
 from locate.pipeline.points import load_points
 
@@ -32,10 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    reader = Reader(options.network)
+    network = EvidenceNetwork(options.network)
     inputs = np.random.default_rng(0).normal(size=(len(FEATURES), 480, 640)).astype(np.float32)
-    cost("network at 640 x 480", lambda: reader.network(inputs), 20)
-    cost("with what is made of it", lambda: reader.read(inputs), 20)
+    cost("network at 640 x 480", lambda: network.network(inputs), 20)
+    cost("with what is made of it", lambda: network.evaluate(inputs), 20)
     if options.run is None:
         return
     frames = recorded(options.run, options.run / "frames").frames()
@@ -46,7 +46,7 @@ def main(options: argparse.Namespace) -> None:
     def measured() -> None:
         found = detector.measure(frames, next(rows))
         assert found is not None
-        features(found[0], displacement_sigma(found[0]))
+        stack_features(found[0], displacement_sigma(found[0]))
 
     cost("a key frame's measurement and features", measured, KEY_FRAMES)
     cost("a key frame in all", lambda: detector.detect(frames, next(rows)), KEY_FRAMES)

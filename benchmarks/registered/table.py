@@ -7,7 +7,7 @@ from benchmarks.registered.bins import print_reliability
 from benchmarks.registered.render import CONDITIONS, name_of
 from benchmarks.registered.tally import Tally
 from detect.learning.clips import TrainingClip, clip_seed, list_clips
-from detect.registered.learned import Reader
+from detect.registered.evidence_network import EvidenceNetwork
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,12 +16,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    reader = Reader(options.network)
+    network = EvidenceNetwork(options.network)
     print("| amplitude, noise | contender | AUROC | AP | EPE / of zero, px | llr > 1 in plumes "
           "| outside |\n|" + "---|" * 7)  # fmt: skip
     tallies = {}
     for amplitude_px, noise in CONDITIONS:
-        tally = Tally(reader)
+        tally = Tally(network)
         for path in list_clips(options.folder / name_of(amplitude_px, noise)):
             tally.add(TrainingClip.load(path), clip_seed(path))
         tallies[f"{amplitude_px:.1f} px, {noise:.0f}/255"] = tally

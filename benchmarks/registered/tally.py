@@ -8,9 +8,9 @@ import numpy as np
 from detect.evidence import displacement_evidence
 from detect.learning.clips import TrainingClip
 from detect.learning.registered_calibration import Read, read_clip
-from detect.registered.detector import trust as trust_in
-from detect.registered.features import FEATURES, SMALL_PX, feature
-from detect.registered.learned import Reader
+from detect.registered.detector import pixel_trust as trust_in
+from detect.registered.evidence_network import EvidenceNetwork
+from detect.registered.features import FEATURES, SMALL_PX, decode_feature
 from detect.scores import auroc, average_precision
 from geometry.arrays import FloatMap
 
@@ -21,10 +21,10 @@ def by_hand(read: Read) -> tuple[FloatMap, FloatMap]:
     """(H, W) llr and (H, W, 2) displacement that `registered-plain` has for these features."""
     displacement = SMALL_PX * np.sinh(np.moveaxis(read.inputs[:2], 0, -1).astype(np.float32))
     log_sigma = read.inputs[FEATURES.index("log_sigma")].astype(np.float32)
-    sigma_px = np.where(read.opinion.measured, SMALL_PX * np.exp(log_sigma), np.inf)
+    sigma_px = np.where(read.output.measured, SMALL_PX * np.exp(log_sigma), np.inf)
     inputs = read.inputs
-    trust = trust_in(feature(inputs, "visible"), feature(inputs, "log_depth_edge"))
-    texture = feature(inputs, "log_texture")
+    trust = trust_in(decode_feature(inputs, "visible"), decode_feature(inputs, "log_depth_edge"))
+    texture = decode_feature(inputs, "log_texture")
     llr, _ = displacement_evidence(displacement, sigma_px.astype(np.float32), texture, trust)
     return llr, displacement
 
@@ -32,25 +32,25 @@ def by_hand(read: Read) -> tuple[FloatMap, FloatMap]:
 class Tally:
     """Thinned pixels of many frames, by contender."""
 
-    def __init__(self, reader: Reader) -> None:
-        self._reader, self._calibration = reader, reader.calibration()
+    def __init__(self, network: EvidenceNetwork) -> None:
+        self._network, self._calibration = network, network.read_calibration()
         self._columns: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
     def add(self, clip: TrainingClip, seed: int) -> None:
-        for read in read_clip(self._reader, clip):
+        for read in read_clip(self._network, clip):
             here = read.counts[THIN]
             hand_llr, hand_displacement = by_hand(read)
-            opinion = read.opinion
+            output = read.output
             maps = {
                 "positive": read.positive,
-                "place": opinion.places,
+                "place": output.surfaces,
                 "plain": hand_llr,
-                "learned": opinion.llr(self._calibration),
-                "logit": opinion.scores[..., 0],
+                "learned": output.llr(self._calibration),
+                "logit": output.scores[..., 0],
                 "size": np.linalg.norm(read.truth, axis=-1),
-                "sigma": opinion.sigma_px,
+                "sigma": output.sigma_px,
                 "plain error": np.linalg.norm(hand_displacement - read.truth, axis=-1),
-                "learned error": np.linalg.norm(opinion.displacement - read.truth, axis=-1),
+                "learned error": np.linalg.norm(output.displacement - read.truth, axis=-1),
             }
             for name, map_ in maps.items():
                 self._columns[name].append(map_[THIN][here])

@@ -26,7 +26,9 @@ from locate.simulation import scene as simulated
 def judge(sequence: Recorded, leak: simulated.PlumeSpec, detector: RegisteredDetector) -> Judged:
     """What a run would state of a recording, and `leak` that stands there or would have stood."""
     units = sequence.inverse_depth_units.tolist()
-    detections = [detector.judge(*each) for each in zip(sequence.measurements, units, strict=True)]
+    detections = [
+        detector.to_detection(*each) for each in zip(sequence.measurements, units, strict=True)
+    ]
     views = Views.from_detections(detections, sequence.trajectory)
     choice = DetectorChoice.parse(detector.name)
     floor_nats = choice.clutter_nats * len(views)

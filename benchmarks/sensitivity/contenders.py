@@ -27,10 +27,10 @@ class Contenders:
         told = defaultdict(list)
         for k in rows:
             measured = sequence.measurements[k], float(sequence.inverse_depth_units[k])
-            told["plain"].append(self._plain.judge(*measured))
+            told["plain"].append(self._plain.to_detection(*measured))
             best = told["plain"][-1]
             if self._learned is not None:
-                best = self._learned.judge(*measured)
+                best = self._learned.to_detection(*measured)
                 told["learned"].append(best)
             if self._dybs is not None:
                 told["dybs"].append(self._dybs.detect(Frames(images=list(sequence.images)), k))

@@ -18,8 +18,8 @@ import numpy as np
 from detect.calibration import Calibration
 from detect.evidence import null_scale
 from detect.learning.clips import TrainingClip, clip_seed, list_clips
-from detect.registered.features import feature
-from detect.registered.learned import CLASS_NAMES, SCORES, Opinion, Reader
+from detect.registered.evidence_network import CLASS_NAMES, SCORES, EvidenceNetwork, NetworkOutput
+from detect.registered.features import decode_feature
 from detect.response import Response
 from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import BadInputError, LocateError
@@ -32,7 +32,7 @@ class Read:
     """A frame of a training clip as a network reads it.
 
     Attributes:
-        opinion: The network's.
+        output: The network's.
         inputs: (C, H, W) what it read.
         truth: (H, W, 2) px.
         positive: (H, W) where there is plume.
@@ -40,7 +40,7 @@ class Read:
         ratio: (H, W) the true |w| in units of the sigma that the detection states where still.
     """
 
-    opinion: Opinion
+    output: NetworkOutput
     inputs: FloatMap
     truth: FloatMap
     positive: BoolArray
@@ -48,27 +48,29 @@ class Read:
     ratio: FloatMap
 
 
-def read_clip(reader: Reader, clip: TrainingClip) -> Iterator[Read]:
+def read_clip(network: EvidenceNetwork, clip: TrainingClip) -> Iterator[Read]:
     """Its frames."""
     plume_px, still_px = clip.limits_px
     for inputs, truth in zip(clip.inputs, clip.visible_displacements(), strict=True):
-        opinion = reader.read(inputs.astype(np.float32))
+        output = network.evaluate(inputs.astype(np.float32))
         size_px = np.linalg.norm(truth.astype(np.float32), axis=-1)
         yield Read(
-            opinion=opinion,
+            output=output,
             inputs=inputs,
             truth=truth.astype(np.float32),
             positive=size_px > plume_px,
-            counts=((size_px > plume_px) | (size_px < still_px)) & opinion.measured,
-            ratio=size_px / stated_sigma_px(inputs, opinion.measured),
+            counts=((size_px > plume_px) | (size_px < still_px)) & output.measured,
+            ratio=size_px / stated_sigma_px(inputs, output.measured),
         )
 
 
 def stated_sigma_px(inputs: FloatMap, measured: BoolArray) -> FloatMap:
     """(H, W) px, of the displacements in (C, H, W) features; see `displacement_evidence`."""
-    size_px = np.hypot(feature(inputs, "displacement_x"), feature(inputs, "displacement_y"))
-    sigma_px = feature(inputs, "log_sigma")
-    scale = null_scale(size_px, sigma_px, feature(inputs, "log_texture"), measured)
+    size_px = np.hypot(
+        decode_feature(inputs, "displacement_x"), decode_feature(inputs, "displacement_y")
+    )
+    sigma_px = decode_feature(inputs, "log_sigma")
+    scale = null_scale(size_px, sigma_px, decode_feature(inputs, "log_texture"), measured)
     return np.asarray(sigma_px * scale, dtype=np.float32)
 
 
@@ -78,14 +80,14 @@ def fitted(weights: Path, clips: Iterable[TrainingClip]) -> tuple[Calibration, R
     Returns:
         The calibration; the response of the detector that it makes, None where all is silent.
     """
-    reader = Reader(weights)
+    network = EvidenceNetwork(weights)
     thin = (slice(None, None, THINNED),) * 2
     parts = []
     for clip in clips:
-        for read in read_clip(reader, clip):
-            opinion = read.opinion
-            maps = opinion.scores, opinion.places, read.positive, read.counts, read.ratio
-            parts.append([one[thin][opinion.measured[thin]] for one in maps])
+        for read in read_clip(network, clip):
+            output = read.output
+            maps = output.scores, output.surfaces, read.positive, read.counts, read.ratio
+            parts.append([one[thin][output.measured[thin]] for one in maps])
     scores, places, labels, counts, ratios = map(np.concatenate, zip(*parts, strict=True))
     calibration = Calibration.fit(
         scores[counts].astype(float),

@@ -6,10 +6,10 @@ import numpy as np
 
 from detect.detection import Detection, Frames
 from detect.evidence import displacement_evidence, null_scale
-from detect.registered.features import features
-from detect.registered.learned import Reader
-from detect.registered.measure import Measurement, Neighbour, Registration
+from detect.registered.evidence_network import EvidenceNetwork
+from detect.registered.features import stack_features
 from detect.registered.neighbours import choose_neighbours, typical_inverse_depth
+from detect.registered.registration import Measurement, Neighbour, Registration
 from geometry.arrays import FloatArray, FloatMap
 from geometry.epipolar import EpipolarGeometry
 from geometry.errors import BadInputError
@@ -34,11 +34,11 @@ class RegisteredDetector:
     flow, then on the residual of the neighbours registered by the first answer.
 
     Args:
-        neighbours: How many other frames to look at; more see more and take longer.
-        points_in_world: (N, 3) sparse points of the scene, if known; they say how deep it is.
-            Otherwise the flow says so.
-        weights: The .onnx file of a calibrated network that judges what was measured; None judges
-            by hand.
+        neighbours: How many other frames to compare with; more measure more and take longer.
+        points_in_world: (N, 3) sparse points of the scene, if known, for its typical depth.
+            Otherwise the flow gives it.
+        weights: The .onnx file of a calibrated network that evaluates the measurement; None uses
+            a formula.
 
     Raises:
         BadInputError: The file is not such a network.
@@ -53,16 +53,16 @@ class RegisteredDetector:
     ) -> None:
         self._count = neighbours
         self._points_in_world = points_in_world
-        self._reader = None if weights is None else Reader(weights)
-        self._calibration = None if self._reader is None else self._reader.calibration()
-        self.response = None if self._reader is None else self._reader.response()
-        self.name = "registered-plain" if self._reader is None else "registered"
+        self._network = None if weights is None else EvidenceNetwork(weights)
+        self._calibration = None if self._network is None else self._network.read_calibration()
+        self.response = None if self._network is None else self._network.read_response()
+        self.name = "registered-plain" if self._network is None else "registered"
 
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`; what looks like an error of its pose is taken out of w.
 
-        A frame with fewer than two neighbours that overlap and show parallax says nothing: llr 0,
-        sigma inf.
+        A frame with fewer than two neighbours that overlap and show parallax has no evidence: llr
+        0, sigma inf.
 
         Raises:
             BadInputError: The frames have no poses, poses and frames differ in number, or the
@@ -71,26 +71,27 @@ class RegisteredDetector:
         measured = self.measure(frames, index)
         if measured is None:
             return Detection.silent(frames.images[index].shape, depth=True)
-        return self.judge(*measured)
+        return self.to_detection(*measured)
 
-    def judge(self, measurement: Measurement, inverse_depth_unit: float) -> Detection:
+    def to_detection(self, measurement: Measurement, inverse_depth_unit: float) -> Detection:
         """The detection a measurement supports; the unit is 1 / world unit.
 
-        A network says where there is refraction; how much, the measurement itself says best.
+        A network finds where there is refraction; how much, the measurement itself gives best.
         """
         sigma_px = displacement_sigma(measurement)
         w, texture = measurement.displacement, measurement.texture
-        if self._reader is None or self._calibration is None:
-            believed = trust(measurement.visible, measurement.depth_edge_px)
-            llr, stated_px = displacement_evidence(w, sigma_px, texture, believed)
+        if self._network is None or self._calibration is None:
+            trust = pixel_trust(measurement.visible, measurement.depth_edge_px)
+            llr, stated_px = displacement_evidence(w, sigma_px, texture, trust)
         else:
-            llr = self._reader.read(features(measurement, sigma_px)).llr(self._calibration)
+            output = self._network.evaluate(stack_features(measurement, sigma_px))
+            llr = output.llr(self._calibration)
             size_px, measured = np.hypot(w[..., 0], w[..., 1]), np.isfinite(sigma_px)
             stated_px = sigma_px * null_scale(size_px, sigma_px, texture, measured)
-        return _detection(measurement, llr, stated_px, inverse_depth_unit)
+        return _assemble_detection(measurement, llr, stated_px, inverse_depth_unit)
 
     def measure(self, frames: Frames, index: int) -> tuple[Measurement, float] | None:
-        """What the neighbours of frame `index` say, and the unit of its inverse depth.
+        """The measurement by the neighbours of frame `index`, and the unit of its inverse depth.
 
         None where fewer than two neighbours overlap and show parallax; raises as `detect`.
         """
@@ -128,12 +129,12 @@ class RegisteredDetector:
         return float(1 / np.median(points[seen, 2]))
 
 
-def _detection(
+def _assemble_detection(
     measurement: Measurement, llr: FloatMap, sigma_px: FloatMap, inverse_depth_unit: float
 ) -> Detection:
     """What was measured, with its evidence; the unit is 1 / world unit.
 
-    The neighbours look through the plume too, so part of w cancels: sigma grows with w, by a
+    The neighbours see through the plume too, so part of w cancels: sigma grows with w, by a
     share that was measured on simulated scenes.
     """
     size_px = np.linalg.norm(measurement.displacement, axis=-1)
@@ -161,7 +162,7 @@ def displacement_sigma(measurement: Measurement) -> FloatMap:
     return np.where(unseen, np.inf, sigma_px).astype(np.float32)
 
 
-def trust(visible: FloatMap, depth_edge_px: FloatMap) -> FloatMap:
+def pixel_trust(visible: FloatMap, depth_edge_px: FloatMap) -> FloatMap:
     """(H, W) from 0 to 1: low where few neighbours see a pixel and at depth edges."""
     seen = np.clip(visible / ENOUGH_VISIBLE, 0, 1) ** 2
     calm = 1 / (1 + (depth_edge_px / EDGE_HALF_PX) ** 2)

@@ -4,7 +4,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from detect.registered.measure import Measurement
+from detect.registered.registration import Measurement
 from geometry.arrays import FloatMap
 
 Feature = Literal[
@@ -32,7 +32,7 @@ Plain = Literal[
 ]
 
 
-def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
+def stack_features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
     """The channels, in the order of `FEATURES`.
 
     Displacements enter as arcsinh(w / 0.1 px), and again in units of their sigma; everything with
@@ -62,7 +62,7 @@ def features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
     return np.stack(channels, dtype=np.float32)
 
 
-def feature(inputs: FloatMap, name: Plain) -> FloatMap:
+def decode_feature(inputs: FloatMap, name: Plain) -> FloatMap:
     """(H, W) what a channel of (C, H, W) was made of, in the unit of `Measurement`; sigma in px."""
     channel = inputs[FEATURES.index(name)].astype(np.float32)
     plain = {

@@ -1,4 +1,4 @@
-"""Which other frames tell refraction from parallax in this one."""
+"""Which other frames separate refraction from parallax in this one."""
 
 import cv2
 import numpy as np
@@ -32,17 +32,17 @@ def choose_neighbours(
         Rows of the trajectory, by parallax; half before and half after `index`, more of one side
         where the other has too few.
     """
-    parallax = parallaxes(trajectory, index, inverse_depth)
+    parallax = parallax_shares(trajectory, index, inverse_depth)
     rows = np.arange(len(trajectory))
     usable = (parallax > 0) & (parallax < MOST_PARALLAX)
     before, after = rows[:index][usable[:index]], rows[index + 1 :][usable[index + 1 :]]
     from_before = min(len(before), max(count // 2, count - len(after)))
-    chosen = _fitting(before, parallax, from_before)
-    chosen += _fitting(after, parallax, count - from_before)
+    chosen = _closest_rows(before, parallax, from_before)
+    chosen += _closest_rows(after, parallax, count - from_before)
     return sorted(chosen, key=lambda row: float(parallax[row]))
 
 
-def _fitting(rows: IntArray, parallax: FloatArray, count: int) -> list[int]:
+def _closest_rows(rows: IntArray, parallax: FloatArray, count: int) -> list[int]:
     """The rows nearest to the wanted parallaxes, each once."""
     free = rows.tolist()
     wanted = np.interp(
@@ -56,7 +56,7 @@ def _fitting(rows: IntArray, parallax: FloatArray, count: int) -> list[int]:
     return chosen
 
 
-def parallaxes(trajectory: Trajectory, index: int, inverse_depth: float) -> FloatArray:
+def parallax_shares(trajectory: Trajectory, index: int, inverse_depth: float) -> FloatArray:
     """(N,) parallax of every frame against `index`, as a share of the image width.
 
     NaN where less than half of the image is shared.
@@ -99,7 +99,7 @@ def _growing_offsets(count: int) -> list[int]:
 
 def _from_pair(frames: Frames, trajectory: Trajectory, index: int, row: int) -> tuple[float, float]:
     """Median inverse depth by one pair, and its parallax as a share of the image width."""
-    image, other = _small(frames.images[index]), _small(frames.images[row])
+    image, other = _shrink_image(frames.images[index]), _shrink_image(frames.images[row])
     pixels = pixel_grid(image.shape) * SHRINK + (SHRINK - 1) / 2
     view = EpipolarGeometry.between_frames(trajectory, index, row)
     at_infinity, slope = view.flow_and_slope(pixels, 0.0)
@@ -115,7 +115,7 @@ def _from_pair(frames: Frames, trajectory: Trajectory, index: int, row: int) -> 
     return median, float(np.median(parallax)) / trajectory.camera.width
 
 
-def _small(image: np.ndarray) -> FloatMap:
+def _shrink_image(image: np.ndarray) -> FloatMap:
     return np.asarray(
         cv2.resize(image, None, fx=1 / SHRINK, fy=1 / SHRINK, interpolation=cv2.INTER_AREA)
     )

@@ -23,11 +23,11 @@ class PoseErrors:
         self._inverse_depth = inverse_depth
         y, x = (np.linspace(-0.5, 0.5, n, dtype=np.float32) for n in inverse_depth.shape)
         self._x, self._y = x, y[:, None]
-        some = _terms(x[SOME], y[SOME, None], inverse_depth[SOME, SOME])
+        some = _error_terms(x[SOME], y[SOME, None], inverse_depth[SOME, SOME])
         self._terms = some.reshape(TERMS, -1).astype(float)
 
     def fit(self, field: FloatMap, weights: FloatMap) -> FloatMap:
-        """The error that explains a field best, fitted robustly.
+        """The error that explains a field best, fitted separate_robust.
 
         Args:
             field: (2, h, w) px, `SOME` of the rows and columns.
@@ -38,30 +38,30 @@ class PoseErrors:
         """
         values = field.reshape(2, -1).astype(float)
         prior = weights.ravel().astype(float)
-        heard = prior > LEAST_WEIGHT
-        if heard.sum() < 10 * TERMS:
+        weighted = prior > LEAST_WEIGHT
+        if weighted.sum() < 10 * TERMS:
             return np.zeros((2, TERMS), np.float32)
         coefficients, robust = np.zeros((2, TERMS)), prior
         for _ in range(FITS):
-            coefficients = self._solved(values, robust)
+            coefficients = self._solve_terms(values, robust)
             misfit = values - coefficients @ self._terms
             squares = (misfit * misfit).sum(axis=0)
-            robust = prior / (1 + squares / _squared_scale(squares[heard]))
+            robust = prior / (1 + squares / _squared_scale(squares[weighted]))
         return coefficients.astype(np.float32)
 
-    def _solved(self, values: FloatArray, weights: FloatArray) -> FloatArray:
-        weighted = self._terms * weights
-        normal = weighted @ self._terms.T + 1e-3 * np.eye(len(weighted))
-        return np.asarray(np.linalg.solve(normal, weighted @ values.T).T)
+    def _solve_terms(self, values: FloatArray, weights: FloatArray) -> FloatArray:
+        products = self._terms * weights
+        normal = products @ self._terms.T + 1e-3 * np.eye(len(products))
+        return np.asarray(np.linalg.solve(normal, products @ values.T).T)
 
-    def fields(self, coefficients: FloatMap, rows: slice) -> FloatMap:
+    def error_fields(self, coefficients: FloatMap, rows: slice) -> FloatMap:
         """(..., h, W) px, some rows of the errors, (..., 9), that `fit` found."""
-        terms = _terms(self._x, self._y[rows], self._inverse_depth[rows])
+        terms = _error_terms(self._x, self._y[rows], self._inverse_depth[rows])
         planes = coefficients.reshape(-1, TERMS) @ terms.reshape(TERMS, -1)
         return np.asarray(planes.reshape(*coefficients.shape[:-1], *terms.shape[1:]))
 
 
-def _terms(x: FloatMap, y: FloatMap, inverse_depth: FloatMap) -> FloatMap:
+def _error_terms(x: FloatMap, y: FloatMap, inverse_depth: FloatMap) -> FloatMap:
     """(9, h, w) what an error is made of; x and y go with inverse depth by broadcasting."""
     terms = np.empty((TERMS, *inverse_depth.shape), np.float32)
     for k, term in enumerate((1, x, y, x * x, y * y, x * y)):

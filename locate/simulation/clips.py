@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from detect.detection import Frames
 from detect.learning.clips import Leaks, TrainingClip
 from detect.registered.detector import RegisteredDetector, displacement_sigma
-from detect.registered.features import features
+from detect.registered.features import stack_features
 from detect.synthesis.sample import log_uniform
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
@@ -120,7 +120,9 @@ def clip_of_frames(frames: Frames, footage: Footage, keys: Sequence[int]) -> Tra
     if not known:
         raise BadInputError("none of the key frames can be measured: no neighbour sees the same")
     return TrainingClip(
-        inputs=np.stack([features(m, displacement_sigma(m)) for _, m in known]).astype(np.float16),
+        inputs=np.stack([stack_features(m, displacement_sigma(m)) for _, m in known]).astype(
+            np.float16
+        ),
         displacements=np.stack([t.displacement for t, _ in known]).astype(np.float16),
         surface=np.stack([np.isfinite(t.depth) for t, _ in known]),
         amplitude_px=footage.amplitude_px,

@@ -1,7 +1,7 @@
 import numpy as np
 
-from detect.registered.features import FEATURES, features
-from detect.registered.measure import Measurement
+from detect.registered.features import FEATURES, stack_features
+from detect.registered.registration import Measurement
 
 SHAPE = (4, 5)
 
@@ -22,7 +22,7 @@ def channel(name: str, maps: np.ndarray) -> float:
 
 def test_displacements_keep_their_sign_and_are_compressed() -> None:
     sigma = np.full(SHAPE, 0.05, np.float32)
-    maps = features(measurement((0.1, -2.0)), sigma)
+    maps = stack_features(measurement((0.1, -2.0)), sigma)
     assert maps.shape == (len(FEATURES), *SHAPE)
     assert channel("displacement_x", maps) == np.float32(np.arcsinh(1.0))
     assert -4 < channel("displacement_y", maps) < -3
@@ -31,7 +31,7 @@ def test_displacements_keep_their_sign_and_are_compressed() -> None:
 
 
 def test_what_is_unmeasured_is_finite_and_insignificant() -> None:
-    maps = features(measurement((0.3, 0.0)), np.full(SHAPE, np.inf, np.float32))
+    maps = stack_features(measurement((0.3, 0.0)), np.full(SHAPE, np.inf, np.float32))
     assert np.isfinite(maps).all()
     assert abs(channel("significance_x", maps)) < 0.11
     assert channel("log_sigma", maps) > 3

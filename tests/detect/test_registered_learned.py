@@ -13,9 +13,15 @@ from detect.learning.config import Augmentation, PoolConfig, TrainConfig
 from detect.learning.registered_calibration import calibrate, main, read_clip
 from detect.network import Network
 from detect.registered import RegisteredDetector
-from detect.registered.features import FEATURES, SMALL_PX, Plain, feature, features
-from detect.registered.learned import CLASS_NAMES, SCORES, Place, Reader, places_of
-from detect.registered.measure import Measurement
+from detect.registered.evidence_network import (
+    CLASS_NAMES,
+    SCORES,
+    EvidenceNetwork,
+    SurfaceClass,
+    classify_surfaces,
+)
+from detect.registered.features import FEATURES, SMALL_PX, Plain, decode_feature, stack_features
+from detect.registered.registration import Measurement
 from geometry.errors import BadInputError
 from tests.detect.onnx_files import convolution
 from tests.detect.scenes import TwoWalls
@@ -123,9 +129,9 @@ def test_a_network_is_trained_on_clips_and_exported(tmp_path: Path) -> None:
     train(config, tmp_path / "run", report=lambda stage, share: None)
     files = publish(config, tmp_path / "run")
     assert [file.name for file in files] == ["best.onnx", "last.onnx"]
-    opinion = Reader(files[-1]).read(clip(0.3).inputs[0].astype(np.float32))
-    assert opinion.displacement.shape == (*SHAPE, 2)
-    assert np.isfinite(opinion.sigma_px).all()
+    output = EvidenceNetwork(files[-1]).evaluate(clip(0.3).inputs[0].astype(np.float32))
+    assert output.displacement.shape == (*SHAPE, 2)
+    assert np.isfinite(output.sigma_px).all()
 
 
 def test_other_seeds_lead_elsewhere(tmp_path: Path) -> None:
@@ -172,16 +178,20 @@ def test_features_tell_what_they_were_made_of(name: Plain, attribute: str) -> No
         "relative_inverse_depth", "depth_edge_px")}  # fmt: skip
     vectors = rng.normal(size=(2, *SHAPE, 2)).astype(np.float32)
     measurement = Measurement(displacement=vectors[0], first_displacement=vectors[1], **scalars)
-    inputs = features(measurement, np.full(SHAPE, 0.1, np.float32))
-    np.testing.assert_allclose(feature(inputs, name), getattr(measurement, attribute), rtol=1e-4)
-    np.testing.assert_allclose(feature(inputs, "log_sigma"), 0.1, rtol=1e-4)
+    inputs = stack_features(measurement, np.full(SHAPE, 0.1, np.float32))
+    np.testing.assert_allclose(
+        decode_feature(inputs, name), getattr(measurement, attribute), rtol=1e-4
+    )
+    np.testing.assert_allclose(decode_feature(inputs, "log_sigma"), 0.1, rtol=1e-4)
     for axis, component in enumerate(("displacement_x", "displacement_y")):
-        np.testing.assert_allclose(feature(inputs, component), vectors[0, ..., axis], rtol=1e-3)
+        np.testing.assert_allclose(
+            decode_feature(inputs, component), vectors[0, ..., axis], rtol=1e-3
+        )
 
 
 def test_places_are_by_texture_and_depth_edge() -> None:
     texture, edge_px = np.array([1.0, 5.0, 10.0, 100.0, 100.0]), np.array([0, 0.2, 0.5, 0.9, 2.0])
-    assert places_of(texture, edge_px).tolist() == list(Place)
+    assert classify_surfaces(texture, edge_px).tolist() == list(SurfaceClass)
 
 
 def test_the_network_says_where_and_the_measurement_how_much(
@@ -200,7 +210,9 @@ def test_the_network_says_where_and_the_measurement_how_much(
     measured = (told[0].texture >= 0.3) & (told[0].visible >= 1)
     assert 0.2 < measured.mean() < 0.95
     assert not detection.llr[~measured].any()
-    rich = measured & (places_of(told[0].texture, told[0].depth_edge_px) == Place.RICH)
+    rich = measured & (
+        classify_surfaces(told[0].texture, told[0].depth_edge_px) == SurfaceClass.RICH
+    )
     logit = 4 * np.arcsinh(told[0].displacement[..., 0] / 0.1)
     llr = np.clip(logit - 2 - np.log(0.1 / 0.9), -1.5, 4)
     assert rich.mean() > 0.1
@@ -208,23 +220,23 @@ def test_the_network_says_where_and_the_measurement_how_much(
     assert not detection.llr[measured & ~rich].any()
 
 
-def test_a_badly_registered_frame_says_nothing(
+def test_a_badly_registered_frame_has_no_evidence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reader = Reader(network(tmp_path / "n.onnx"))
-    asked = []
+    evidence_network = EvidenceNetwork(network(tmp_path / "n.onnx"))
+    runs = []
     call = Network.__call__
-    monkeypatch.setattr(Network, "__call__", lambda *given: asked.append(1) or call(*given))
+    monkeypatch.setattr(Network, "__call__", lambda *given: runs.append(1) or call(*given))
     inputs = clip(0.3).inputs[0].astype(np.float32)
     row = FEATURES.index("log_sigma")
-    for sigma_px, speaks in ((0.05, True), (0.5, False)):
+    for sigma_px, measures in ((0.05, True), (0.5, False)):
         inputs[row] = np.log(sigma_px / SMALL_PX)
-        opinion = reader.read(inputs)
-        assert opinion.measured.any() == speaks
-        assert len(asked) == 1
-        assert opinion.llr(reader.calibration()).any() == speaks
+        output = evidence_network.evaluate(inputs)
+        assert output.measured.any() == measures
+        assert len(runs) == 1
+        assert output.llr(evidence_network.read_calibration()).any() == measures
     inputs[FEATURES.index("visible")] = 0
-    assert not reader.read(inputs).measured.any()
+    assert not evidence_network.evaluate(inputs).measured.any()
 
 
 def test_a_network_may_say_nothing_of_its_response(tmp_path: Path) -> None:
@@ -255,19 +267,19 @@ def test_calibration_makes_the_score_mean_what_it_says(
     path = network(tmp_path / "n.onnx", calibration=None)
     main([str(path), "--lessons", str(tmp_path), "--seeds", "0", "8"])
     assert "rich: Scale" in capsys.readouterr().out
-    reader = Reader(path)
-    calibration = reader.calibration()
+    evidence_network = EvidenceNetwork(path)
+    calibration = evidence_network.read_calibration()
     assert set(calibration.scales) == {"rich"}
-    response = reader.response()
+    response = evidence_network.read_response()
     assert response is not None
     still, displaced = response(np.array([[0.0, 0.3]]), np.array([[0.1, 0.1]]))[0]
     assert still < -0.5 < 0.5 < displaced
     assert RegisteredDetector(weights=path).response == response
     held_out = clip(0.3, seed=11, shape=(48, 64))
-    for read in read_clip(reader, held_out):
+    for read in read_clip(network, held_out):
         s = read.inputs[0].astype(np.float32)
         expected = np.clip(2 * s - 2, -1.5, 4)
-        np.testing.assert_allclose(read.opinion.llr(calibration), expected, atol=0.35)
+        np.testing.assert_allclose(read.output.llr(calibration), expected, atol=0.35)
         assert read.positive[4:, :32].all()
         assert not read.positive[:4].any()
 

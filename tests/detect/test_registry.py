@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from detect.registered.evidence_network import SCORES
 from detect.registered.features import FEATURES
-from detect.registered.learned import SCORES
 from detect.registry import KINDS, DetectorChoice, make_detector
 from geometry.errors import BadInputError
 from locate.pipeline.config import RunConfig

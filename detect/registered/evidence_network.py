@@ -1,4 +1,4 @@
-"""What a network makes of a measurement, and how much of it is believed."""
+"""A network from a measurement to scores of refraction, and their calibration."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from detect.calibration import Calibration
 from detect.network import Network
-from detect.registered.features import FEATURES, feature
+from detect.registered.features import FEATURES, decode_feature
 from detect.response import Response
 from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import BadInputError
 
-Places = NDArray[np.uint8]
+SurfaceClasses = NDArray[np.uint8]
 
 SCORES = ("logit", "excess")
 EXCESS_FROM = -2.0
@@ -22,16 +22,16 @@ EXCESS_FROM = -2.0
 OUTPUTS = {"displacement": 2, "log_variance": 1, "logit": 1}
 TEXTURES = (1.5, 8.0, 40.0)
 EDGE_PX = 1.0
-LEAST_TEXTURE, LEAST_SEEN = 0.3, 1.0
+LEAST_TEXTURE, LEAST_VISIBLE = 0.3, 1.0
 MOST_SIGMA_PX = 0.19
-"""Median sigma of a frame above which nothing is said: 99 in 100 frames of calm clips lie below.
+"""Median sigma of a frame above which there is no evidence: 99 in 100 frames of calm clips lie below.
 
-What is registered worse could not show a real leak, and is still taken too much for plumes.
+Frames registered worse did not show a real leak, and still give too much evidence for plumes.
 """
 
 
-class Place(IntEnum):
-    """What stands at a pixel; on each a network errs in its own way."""
+class SurfaceClass(IntEnum):
+    """What surface a pixel shows; on each the network errs in its own way."""
 
     EMPTY = 0
     BARE = 1
@@ -40,18 +40,18 @@ class Place(IntEnum):
     EDGE = 4
 
 
-CLASS_NAMES = tuple(place.name.lower() for place in Place)
+CLASS_NAMES = tuple(surface.name.lower() for surface in SurfaceClass)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Opinion:
-    """What a network says of (H, W) pixels, before anything is believed.
+class NetworkOutput:
+    """What the network estimates at (H, W) pixels, before calibration.
 
     Attributes:
         displacement: (H, W, 2) px.
         sigma_px: (H, W) of either component.
         scores: (H, W, 2), `SCORES`: the logit, and by how much it exceeds `EXCESS_FROM`, softly.
-        places: (H, W) of `Place`.
+        surfaces: (H, W) of `SurfaceClass`.
         measured: (H, W) false where the features hold nothing, and all over a frame that is
             registered too badly.
     """
@@ -59,16 +59,16 @@ class Opinion:
     displacement: FloatMap
     sigma_px: FloatMap
     scores: FloatMap
-    places: Places
+    surfaces: SurfaceClasses
     measured: BoolArray
 
     def llr(self, calibration: Calibration) -> FloatMap:
-        """(H, W) evidence in nats; 0 where nothing can be said."""
-        llr = calibration.llr(self.scores, self.places, CLASS_NAMES)
+        """(H, W) evidence in nats; 0 where there is none."""
+        llr = calibration.llr(self.scores, self.surfaces, CLASS_NAMES)
         return np.where(self.measured, llr, np.float32(0))
 
 
-class Reader:
+class EvidenceNetwork:
     """A network over the channels of `detect.registered.features`.
 
     Args:
@@ -87,11 +87,11 @@ class Reader:
                 f"channels and gives {', '.join(OUTPUTS)}"
             )
 
-    def calibration(self) -> Calibration:
-        """What the file says that its scores are worth.
+    def read_calibration(self) -> Calibration:
+        """The calibration of the scores, as stored in the file.
 
         Raises:
-            BadInputError: Nothing, or something about other scores.
+            BadInputError: There is none, or it is of other scores.
         """
         where = str(self.network.path)
         calibration = Calibration.from_plain(self.network.json("calibration"), where)
@@ -99,54 +99,54 @@ class Reader:
             raise BadInputError(f"{where}: calibrated for other scores; calibrate it anew")
         return calibration
 
-    def response(self) -> Response | None:
-        """What evidence the file says that a displacement gets; None where it does not say.
+    def read_response(self) -> Response | None:
+        """How much evidence a displacement gets, as stored in the file; None where it is not.
 
         Raises:
-            BadInputError: It says something else.
+            BadInputError: It is something else.
         """
         content = self.network.json("response")
         return None if content is None else Response.from_plain(content, str(self.network.path))
 
-    def read(self, inputs: FloatMap) -> Opinion:
-        """Looks at (C, H, W) features; the network is only asked where anything was measured."""
-        texture = feature(inputs, "log_texture")
-        places = places_of(texture, feature(inputs, "log_depth_edge"))
-        measured = _measured(inputs, texture)
+    def evaluate(self, inputs: FloatMap) -> NetworkOutput:
+        """Evaluates (C, H, W) features; the network runs only where anything was measured."""
+        texture = decode_feature(inputs, "log_texture")
+        surfaces = classify_surfaces(texture, decode_feature(inputs, "log_depth_edge"))
+        measured = _find_measured(inputs, texture)
         if not measured.any():
-            return _no_opinion(places)
+            return _no_output(surfaces)
         maps = self.network(inputs)
         logit = maps["logit"][0]
-        return Opinion(
+        return NetworkOutput(
             displacement=np.ascontiguousarray(maps["displacement"].transpose(1, 2, 0)),
             sigma_px=np.exp(maps["log_variance"][0] / 2),
             scores=np.stack([logit, np.logaddexp(0, logit - EXCESS_FROM)], axis=-1),
-            places=places,
+            surfaces=surfaces,
             measured=measured,
         )
 
 
-def _measured(inputs: FloatMap, texture: FloatMap) -> BoolArray:
+def _find_measured(inputs: FloatMap, texture: FloatMap) -> BoolArray:
     """(H, W) where features hold something; nowhere in a frame that is registered too badly."""
-    seen = (texture >= LEAST_TEXTURE) & (feature(inputs, "visible") >= LEAST_SEEN)
-    well = seen & (feature(inputs, "log_sigma") <= MOST_SIGMA_PX)
+    seen = (texture >= LEAST_TEXTURE) & (decode_feature(inputs, "visible") >= LEAST_VISIBLE)
+    well = seen & (decode_feature(inputs, "log_sigma") <= MOST_SIGMA_PX)
     return seen & (2 * np.count_nonzero(well) >= np.count_nonzero(seen))
 
 
-def _no_opinion(places: Places) -> Opinion:
-    nothing = np.zeros((*places.shape, 2), np.float32)
-    return Opinion(
+def _no_output(surfaces: SurfaceClasses) -> NetworkOutput:
+    nothing = np.zeros((*surfaces.shape, 2), np.float32)
+    return NetworkOutput(
         displacement=nothing,
-        sigma_px=np.full(places.shape, np.inf, np.float32),
+        sigma_px=np.full(surfaces.shape, np.inf, np.float32),
         scores=nothing,
-        places=places,
-        measured=np.zeros(places.shape, np.bool_),
+        surfaces=surfaces,
+        measured=np.zeros(surfaces.shape, np.bool_),
     )
 
 
-def places_of(texture: FloatMap, depth_edge_px: FloatMap) -> Places:
-    """(H, W) of `Place`, by the gradients and the depth edges there."""
-    places = np.zeros(texture.shape, np.uint8)
+def classify_surfaces(texture: FloatMap, depth_edge_px: FloatMap) -> SurfaceClasses:
+    """(H, W) of `SurfaceClass`, by the gradients and the depth edges there."""
+    surfaces = np.zeros(texture.shape, np.uint8)
     for limit in TEXTURES:
-        places += texture >= limit
-    return np.where(depth_edge_px > EDGE_PX, np.uint8(Place.EDGE), places)
+        surfaces += texture >= limit
+    return np.where(depth_edge_px > EDGE_PX, np.uint8(SurfaceClass.EDGE), surfaces)

@@ -9,8 +9,14 @@ import numpy as np
 from detect.differential import Window
 from detect.flow import dis_matcher
 from detect.registered.pose_errors import SOME, PoseErrors
-from detect.registered.robust import Registered, median, robustly
-from detect.registered.separate import TINY, bands, dot, separate, squared
+from detect.registered.robust_separation import RegisteredNeighbours, median_map, separate_robust
+from detect.registered.separation import (
+    TINY,
+    dot_product,
+    row_bands,
+    separate_parallax,
+    squared_length,
+)
 from detect.warp import blur, gradients, sample
 from geometry.arrays import FloatMap, GreyImage
 from geometry.epipolar import EpipolarGeometry
@@ -35,7 +41,7 @@ class Neighbour:
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What the neighbours say of one frame, (H, W) each.
+    """What the neighbours measure in one frame, (H, W) each.
 
     Attributes:
         displacement: (H, W, 2) w, px.
@@ -81,17 +87,17 @@ class Registration:
 
     def measure(self) -> Measurement:
         """Flow, separation, then again on the registered neighbours."""
-        flows = self._match()
+        flows = self._match_neighbours()
         poses = PoseErrors(self._inverse_depth)
         pose_errors = self._pose_errors(poses, flows)
         first = self._first_stage(poses, pose_errors, flows)
-        return self._second_stage(self._registered(poses, pose_errors), first)
+        return self._second_stage(self._register_neighbours(poses, pose_errors), first)
 
     def _texture_within(self, sigma_px: float) -> FloatMap:
         gx, gy = self._gradients
         return blur(gx * gx + gy * gy, sigma_px)
 
-    def _predict(self, rows: slice, count: int | None = None) -> tuple[FloatMap, FloatMap]:
+    def _predict_flow(self, rows: slice, count: int | None = None) -> tuple[FloatMap, FloatMap]:
         """(N, 2, h, W) flow towards the first neighbours, or all; (N, 2, h, W) its slope."""
         views = [neighbour.view for neighbour in self._neighbours[:count]]
         inverse_depth = self._inverse_depth[rows]
@@ -100,7 +106,7 @@ class Registration:
             view.over_grid(self._x, self._y[rows], inverse_depth, (flow[k], slope[k]))
         return flow, slope
 
-    def _visible(self, flow: FloatMap, x: FloatMap, y: FloatMap) -> FloatMap:
+    def _visible_mask(self, flow: FloatMap, x: FloatMap, y: FloatMap) -> FloatMap:
         """Where pixels of (W,) x and (H,) y that move by (..., 2, H, W) are still in the image."""
         low_x, low_y = BORDER_PX - x, BORDER_PX - y[:, None]
         height, width = (side - 1 - 2 * BORDER_PX for side in self._image.shape)
@@ -113,7 +119,7 @@ class Registration:
         moved = np.clip(self._inverse_depth + step, 0, NEAREST)
         self._inverse_depth = cv2.medianBlur(moved.astype(np.float32), 5)
 
-    def _match(self) -> FloatMap:
+    def _match_neighbours(self) -> FloatMap:
         """(N, 2, H, W) flow towards each neighbour; the depth sharpens as they come in."""
         flows = np.empty((len(self._neighbours), 2, *self._image.shape), np.float32)
         for k, neighbour in enumerate(self._neighbours):
@@ -127,13 +133,15 @@ class Registration:
 
     def _refine_depth(self, flows: FloatMap) -> None:
         step = np.empty_like(self._inverse_depth)
-        for rows in bands(len(step)):
+        for rows in row_bands(len(step)):
             flow = flows[:, :, rows]
-            predicted, lever = self._predict(rows, len(flows))
+            predicted, lever = self._predict_flow(rows, len(flows))
             error = flow - predicted
-            weights = self._visible(flow, self._x, self._y[rows]) / (1 + squared(error) / 4)
-            along = np.einsum("nij,nij->ij", weights, dot(error, lever))
-            steepness = np.einsum("nij,nij->ij", weights, squared(lever))
+            weights = self._visible_mask(flow, self._x, self._y[rows]) / (
+                1 + squared_length(error) / 4
+            )
+            along = np.einsum("nij,nij->ij", weights, dot_product(error, lever))
+            steepness = np.einsum("nij,nij->ij", weights, squared_length(lever))
             step[rows] = along / (steepness + TINY)
         self._step_depth(step)
 
@@ -145,31 +153,33 @@ class Registration:
         for flow, neighbour in zip(flows, self._neighbours, strict=True):
             predicted, _ = neighbour.view.over_grid(x, y, self._inverse_depth[SOME, SOME])
             error = np.clip(flow[:, SOME, SOME] - predicted, -4, 4)
-            found.append(poses.fit(error, textured * self._visible(predicted, x, y)))
+            found.append(poses.fit(error, textured * self._visible_mask(predicted, x, y)))
         return np.asarray(found)
 
     def _first_stage(self, poses: PoseErrors, pose_errors: FloatMap, flows: FloatMap) -> FloatMap:
         """Takes the pose error out of every neighbour, sets the depth; the displacement so far."""
         step = np.empty_like(self._inverse_depth)
         displacement = np.empty(flows.shape[1:], np.float32)
-        for rows in bands(len(step)):
-            predicted, slopes = self._predict(rows)
-            visible = self._visible(predicted, self._x, self._y[rows])
+        for rows in row_bands(len(step)):
+            predicted, slopes = self._predict_flow(rows)
+            visible = self._visible_mask(predicted, self._x, self._y[rows])
             errors = flows[:, :, rows] - predicted
-            errors -= poses.fields(pose_errors, rows)
-            answer = separate(errors, slopes, visible / (1 + 2 * squared(errors)))
+            errors -= poses.error_fields(pose_errors, rows)
+            answer = separate_parallax(errors, slopes, visible / (1 + 2 * squared_length(errors)))
             step[rows], displacement[:, rows] = answer.inverse_depth_step, answer.displacement
         self._step_depth(np.where(np.abs(step) < 0.3 * self._inverse_depth, step, 0))
         return displacement
 
-    def _registered(self, poses: PoseErrors, pose_errors: FloatMap) -> Registered:
+    def _register_neighbours(
+        self, poses: PoseErrors, pose_errors: FloatMap
+    ) -> RegisteredNeighbours:
         count, shape = len(self._neighbours), self._image.shape
         shifts, slopes = np.empty((2, count, 2, *shape), np.float32)
         visible, misfits = np.empty((2, count, *shape), np.float32)
-        for rows in bands(len(self._y)):
-            flow, slopes[:, :, rows] = self._predict(rows)
-            flow += poses.fields(pose_errors, rows)
-            visible[:, rows] = self._visible(flow, self._x, self._y[rows])
+        for rows in row_bands(len(self._y)):
+            flow, slopes[:, :, rows] = self._predict_flow(rows)
+            flow += poses.error_fields(pose_errors, rows)
+            visible[:, rows] = self._visible_mask(flow, self._x, self._y[rows])
             np.add(flow[:, 0], self._x, out=shifts[:, 0, rows])
             np.add(flow[:, 1], self._y[rows, None], out=shifts[:, 1, rows])
         for k, neighbour in enumerate(self._neighbours):
@@ -177,22 +187,22 @@ class Registration:
             shift = self._window.shift_planes(blur(image, PRESMOOTHING_PX) - self._smooth)
             np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX, out=shifts[k])
             misfits[k] = blur((image - self._grey) ** 2, WINDOW_PX)
-        return Registered(shifts=shifts, slopes=slopes, visible=visible, misfits=misfits)
+        return RegisteredNeighbours(shifts=shifts, slopes=slopes, visible=visible, misfits=misfits)
 
-    def _second_stage(self, registered: Registered, first: FloatMap) -> Measurement:
+    def _second_stage(self, registered: RegisteredNeighbours, first: FloatMap) -> Measurement:
         misfit, variance, factor, seen, parallax = np.empty((5, *self._image.shape), np.float32)
         displacement = np.empty_like(first)
-        for rows in bands(len(misfit)):
-            misfit[rows] = median(registered.misfits[:, rows]) + 4
-            second = robustly(registered, misfit[rows], rows)
+        for rows in row_bands(len(misfit)):
+            misfit[rows] = median_map(registered.misfits[:, rows]) + 4
+            second = separate_robust(registered, misfit[rows], rows)
             displacement[:, rows] = second.answer.displacement
             factor[rows] = second.answer.variance_factor
             variance[rows], seen[rows] = second.variance, second.seen
-            parallax[rows] = np.sqrt(squared(registered.slopes[:, :, rows]).max(axis=0))
+            parallax[rows] = np.sqrt(squared_length(registered.slopes[:, :, rows]).max(axis=0))
         step = np.abs(self._inverse_depth - blur(self._inverse_depth, 5.0)) * parallax
         return Measurement(
-            displacement=_limited(self._without_drift(displacement, seen)),
-            first_displacement=_limited(first),
+            displacement=_clip_planes(self._without_drift(displacement, seen)),
+            first_displacement=_clip_planes(first),
             misfit=misfit,
             scatter_px=np.sqrt(variance / 2),
             variance_factor=factor,
@@ -209,12 +219,12 @@ class Registration:
         w = np.clip(displacement, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
         poses = PoseErrors(self._inverse_depth)
         drift = poses.fit(w[:, SOME, SOME], textured)
-        for rows in bands(len(seen)):
-            w[:, rows] -= poses.fields(drift, rows)
+        for rows in row_bands(len(seen)):
+            w[:, rows] -= poses.error_fields(drift, rows)
         return w
 
 
-def _limited(planes: FloatMap) -> FloatMap:
+def _clip_planes(planes: FloatMap) -> FloatMap:
     """(H, W, 2) of (2, H, W)."""
     clipped = np.clip(planes, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX)
     return np.ascontiguousarray(np.moveaxis(clipped, 0, -1))

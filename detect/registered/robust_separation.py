@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from detect.registered.separate import TINY, Separation, separate
+from detect.registered.separation import TINY, Separation, separate_parallax
 from geometry.arrays import FloatMap
 
 
 @dataclass(frozen=True, kw_only=True)
-class Registered:
+class RegisteredNeighbours:
     """N neighbours brought onto the key frame.
 
     Attributes:
@@ -27,7 +27,7 @@ class Registered:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Robust:
+class RobustSeparation:
     """The answer without outliers, its residual variance, the weight that was left."""
 
     answer: Separation
@@ -35,27 +35,29 @@ class Robust:
     seen: FloatMap
 
 
-def robustly(registered: Registered, misfit: FloatMap, rows: slice) -> Robust:
+def separate_robust(
+    registered: RegisteredNeighbours, misfit: FloatMap, rows: slice
+) -> RobustSeparation:
     """Separates some rows twice, the second time without outliers."""
     shifts, slopes = registered.shifts[:, :, rows], registered.slopes[:, :, rows]
     weights = registered.visible[:, rows] / (1 + (registered.misfits[:, rows] / misfit) ** 2)
-    answer, squares, variance = _weighted(shifts, slopes, weights)
+    answer, squares, variance = _separate_weighted(shifts, slopes, weights)
     weights /= 1 + squares / (4 * variance + 1e-4)
-    answer, _, variance = _weighted(shifts, slopes, weights)
-    return Robust(answer=answer, variance=variance, seen=weights.sum(axis=0))
+    answer, _, variance = _separate_weighted(shifts, slopes, weights)
+    return RobustSeparation(answer=answer, variance=variance, seen=weights.sum(axis=0))
 
 
-def _weighted(
+def _separate_weighted(
     shifts: FloatMap, slopes: FloatMap, weights: FloatMap
 ) -> tuple[Separation, FloatMap, FloatMap]:
     """The answer, (N, H, W) its squared residuals, and (H, W) their weighted mean."""
-    answer = separate(shifts, slopes, weights)
+    answer = separate_parallax(shifts, slopes, weights)
     squares = answer.squared_residuals(shifts, slopes)
     scatter = np.einsum("nij,nij->ij", weights, squares)
     return answer, squares, scatter / (weights.sum(axis=0) + TINY)
 
 
-def median(maps: Iterable[FloatMap]) -> FloatMap:
+def median_map(maps: Iterable[FloatMap]) -> FloatMap:
     """(H, W) the median of a few maps, by odd-even transposition: whole maps are compared."""
     ranks = list(maps)
     for turn in range(len(ranks)):

@@ -1,4 +1,4 @@
-"""Refraction and parallax told apart: depth turns its sign with the baseline, refraction does not.
+"""Refraction and parallax separated: depth turns its sign with the baseline, refraction does not.
 
 Towards neighbour k a pixel's residual flow is e_k = slope_k * step + w (- w_k, which the many
 neighbours average away), with `step` the error of its inverse depth and w its displacement.
@@ -37,10 +37,10 @@ class Separation:
         explained = slopes * self.inverse_depth_step
         explained += self.displacement
         explained -= flows
-        return squared(explained)
+        return squared_length(explained)
 
 
-def separate(flows: FloatMap, slopes: FloatMap, weights: FloatMap) -> Separation:
+def separate_parallax(flows: FloatMap, slopes: FloatMap, weights: FloatMap) -> Separation:
     """Solves e_k = slope_k * step + w at every pixel.
 
     Leverages, slopes less their mean, add up to zero with their weights: what they are summed
@@ -60,20 +60,20 @@ def separate(flows: FloatMap, slopes: FloatMap, weights: FloatMap) -> Separation
     return Separation(
         inverse_depth_step=step,
         displacement=mean_flow - mean_slope * step,
-        variance_factor=1 / total + squared(mean_slope) / (2 * spread),
+        variance_factor=1 / total + squared_length(mean_slope) / (2 * spread),
     )
 
 
-def bands(height: int) -> Iterator[slice]:
+def row_bands(height: int) -> Iterator[slice]:
     """The rows of an image some at a time: what is done to a few stays in the cache."""
     return (slice(start, start + BAND) for start in range(0, height, BAND))
 
 
-def dot(a: FloatMap, b: FloatMap) -> FloatMap:
+def dot_product(a: FloatMap, b: FloatMap) -> FloatMap:
     """(..., H, W) the scalar product of vector fields."""
     return np.asarray(np.einsum("...cij,...cij->...ij", a, b))
 
 
-def squared(a: FloatMap) -> FloatMap:
+def squared_length(a: FloatMap) -> FloatMap:
     """(..., H, W) the squared length of vector fields."""
-    return dot(a, a)
+    return dot_product(a, a)
