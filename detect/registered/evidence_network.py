@@ -24,7 +24,7 @@ TEXTURES = (1.5, 8.0, 40.0)
 EDGE_PX = 1.0
 LEAST_TEXTURE, LEAST_VISIBLE = 0.3, 1.0
 MOST_SIGMA_PX = 0.19
-"""Median sigma of a frame above which there is no evidence: 99 in 100 frames of calm clips lie below.
+"""Median sigma of a frame above which there is no evidence: 99 in 100 of calm clips lie below.
 
 Frames registered worse did not show a real leak, and still give too much evidence for plumes.
 """

@@ -194,7 +194,7 @@ def test_places_are_by_texture_and_depth_edge() -> None:
     assert classify_surfaces(texture, edge_px).tolist() == list(SurfaceClass)
 
 
-def test_the_network_says_where_and_the_measurement_how_much(
+def test_the_network_finds_where_and_the_measurement_how_much(
     walls_without_plume: TwoWalls, tmp_path: Path
 ) -> None:
     scene = walls_without_plume
@@ -257,7 +257,7 @@ def test_other_networks_are_refused(tmp_path: Path) -> None:
         RegisteredDetector(weights=network(tmp_path / "other.onnx", calibration=other))
 
 
-def test_calibration_makes_the_score_mean_what_it_says(
+def test_calibration_makes_the_score_a_log_likelihood_ratio(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two normal scores a distance of 2 apart: the llr is 2 s - 2; the network says 4 s."""
@@ -276,7 +276,7 @@ def test_calibration_makes_the_score_mean_what_it_says(
     assert still < -0.5 < 0.5 < displaced
     assert RegisteredDetector(weights=path).response == response
     held_out = clip(0.3, seed=11, shape=(48, 64))
-    for read in read_clip(network, held_out):
+    for read in read_clip(evidence_network, held_out):
         s = read.inputs[0].astype(np.float32)
         expected = np.clip(2 * s - 2, -1.5, 4)
         np.testing.assert_allclose(read.output.llr(calibration), expected, atol=0.35)
