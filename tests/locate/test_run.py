@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from detect.registered import measure
+from detect.registered import registration
 from geometry.errors import BadInputError
 from geometry.georeference import fit
 from geometry.sfm import mapping
@@ -102,7 +102,7 @@ def test_stamps_hold_these_fingerprints(finished: Path, monkeypatch: pytest.Monk
         (keyframes, "frames"),
         (mapping, "poses"),
         (fit, "place"),
-        (measure, "detections"),
+        (registration, "detections"),
         (limit, "fusion"),
         (words, "report"),
     ],
