@@ -20,7 +20,7 @@ demo: $(VENV)/runtime.stamp
 	$(BIN)/locate demo -o out/demo
 
 test: lint
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 	tests/wheel_check.sh $(BIN)/python
 
 robust: $(VENV)/dev.stamp
