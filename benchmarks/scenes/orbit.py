@@ -100,7 +100,7 @@ def row(name: str, outcome: Outcome) -> str:
         f"{p.error:.3f} m, {p.error_percent:.2f} %, NEES {p.nees:.1f}" for p in evaluation.plumes
     )
     plumes = () if outcome.plume_map is None else outcome.plume_map.plumes
-    index = ", ".join(plume.refractive_index or "not told" for plume in plumes)
+    index = ", ".join(plume.refractive_index or "not determined" for plume in plumes)
     auroc = evaluation.frame_median("auroc")
     precision = evaluation.frame_median("average_precision")
     return (

@@ -20,7 +20,7 @@ SplitName = Literal["train", "validation", "test"]
 
 def bos(
     recordings: Annotated[
-        list[Path], typer.Argument(help="Videos, or folders of frames, by a camera that stands.")
+        list[Path], typer.Argument(help="Videos, or folders of frames, by a camera at rest.")
     ],
     output: Output,
     reference: Annotated[

@@ -41,7 +41,7 @@ def survey(
         float | None,
         typer.Option(
             min=1e-3,
-            help="A flight observed a cell where it would have detected a column of this mean "
+            help="A flight covered a cell where it would have detected a column of this mean "
             "displacement in px; the median sighting's if left out.",
         ),
     ] = None,

@@ -1,4 +1,4 @@
-"""What a simulated scene says of itself."""
+"""The truth of a simulated scene."""
 
 from dataclasses import dataclass
 from functools import cached_property

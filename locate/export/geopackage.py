@@ -50,7 +50,7 @@ def write_geopackage(path: Path, plume_map: PlumeMap) -> None:
 
     The heights of the points are in the datum of the map: their reference system is EPSG:4979 for
     the ellipsoid, EPSG:9707 or 9518 for a named geoid, and else two-dimensional WGS84, where the
-    column ``height_datum`` alone says what they count from.
+    column ``height_datum`` alone states what they count from.
 
     Raises:
         ValueError: The map is not georeferenced.
@@ -80,7 +80,7 @@ def write_geopackage(path: Path, plume_map: PlumeMap) -> None:
 
 @contextmanager
 def new_geopackage(path: Path) -> Iterator[sqlite3.Connection]:
-    """An empty file in place of what stood at `path`; closed, and written if nothing was raised."""
+    """Yields an empty file in place of an older one at `path`; written if nothing was raised."""
     path.unlink(missing_ok=True)
     with closing(sqlite3.connect(path)) as file, file:
         file.execute(f"PRAGMA application_id = {APPLICATION_ID}")

@@ -1,4 +1,4 @@
-"""Pages of one look: each is one file of HTML that works without a network."""
+"""Pages of one style: each is one file of HTML that works without a network."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape

@@ -13,7 +13,7 @@ def write_kml(path: Path, plume_map: PlumeMap) -> None:
     """Writes a placemark per source and the 95 % ellipse of each.
 
     KML counts an absolute altitude from mean sea level. Where the map's heights cannot be turned
-    into that, points lie on the ground and the height stands in their data, with its datum.
+    into that, points lie on the ground and the height is in their data, with its datum.
 
     Raises:
         ValueError: The map is not georeferenced.

@@ -26,7 +26,7 @@ def write_las(
     """Writes points in the UTM zone of the origin, to the millimetre.
 
     Heights stay in the datum of the georeference. Where that has a name in EPSG the file's
-    reference system says so; in any case a text record of the file does.
+    reference system has it; in any case a text record of the file names the datum.
 
     Args:
         path: Ending in ``.las``, or in ``.laz`` for a compressed file.

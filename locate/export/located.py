@@ -25,8 +25,8 @@ class LocatedPlume:
         lon_deg: WGS84 longitude.
         height_m: Of its source, in `datum`.
         datum: What the height counts from.
-        ellipsoid_height_m: Above the WGS84 ellipsoid; None where it cannot be told.
-        sea_height_m: Above mean sea level; None where it cannot be told.
+        ellipsoid_height_m: Above the WGS84 ellipsoid; None where it cannot be derived.
+        sea_height_m: Above mean sea level; None where it cannot be derived.
         ellipse_lon_lat: (K + 1, 2) the 95 % ellipse of the horizontal position, closed,
             counter-clockwise; longitudes run on past 180 rather than jump.
     """

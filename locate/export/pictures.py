@@ -19,11 +19,11 @@ HERSHEY_PX = 22
 def displacement_picture(displacement: FloatMap, full_scale_px: float | None = None) -> Picture:
     """Hue for the direction, saturation for the size, the largest norm in px in the corner.
 
-    White stands still. What shows background from its right is red, from below yellow-green, from
-    its left cyan, from above violet. Source: the DYBS paper, figures 6 to 9.
+    White is no displacement. What shows background from its right is red, from below
+    yellow-green, from its left cyan, from above violet. Source: the DYBS paper, figures 6 to 9.
 
     Args:
-        displacement: (H, W, 2) px, x right, y down; what is not finite stands still.
+        displacement: (H, W, 2) px, x right, y down; what is not finite counts as none.
         full_scale_px: The size of full saturation; the largest norm if left out.
 
     Returns:

@@ -19,8 +19,8 @@ def write_plumes_ply(
 ) -> None:
     """Writes evidence voxels with the vertex attributes ``probability`` and ``displacement``.
 
-    ``probability`` is the logistic of a voxel's mean evidence per view: 0.5 says nothing, and it is
-    not the probability that the voxel holds refracting air.
+    ``probability`` is the logistic of a voxel's mean evidence per view: 0.5 is no evidence, and it
+    is not the probability that the voxel holds refracting air.
 
     Args:
         path: The file, ending in ``.ply``.

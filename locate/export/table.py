@@ -10,11 +10,11 @@ from locate.map.plume import Bearing, Plume, PlumeMap
 
 Row = tuple[str, str, str]
 
-AGAINST_AIR = {"lower": "below the air's", "higher": "above the air's", None: "not told"}
+AGAINST_AIR = {"lower": "below the air's", "higher": "above the air's", None: "not determined"}
 
 
 def map_table(plume_map: PlumeMap) -> Table:
-    """Description, value and unit of everything a map says."""
+    """Description, value and unit of everything in a map."""
     table = Table(title=plume_map.limit_text(), title_justify="left")
     table.add_column("plume", justify="right")
     table.add_column("quantity")

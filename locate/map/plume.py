@@ -29,12 +29,12 @@ class Plume:
         extent_high: Distance along the axis where evidence ends.
         radius_by_height: (M, 2) of [distance along the axis from the source, radius].
         evidence_nats: Summed log-likelihood ratio of this plume against none, in independent
-            looks: neighbouring pixels that say the same count once.
+            samples: neighbouring pixels with the same noise count once.
         probability: 1 minus the probability that the same volume without plumes, seen by as many
-            views that agree on nothing, holds a column with that much evidence.
+            views without common evidence, holds a column with that much evidence.
         views: Indices of the frames that saw it.
         displacement_px: Mean displacement it causes in those frames.
-        source_hidden: Something stands before the source in the frames that would show it.
+        source_hidden: Something hides the source in the frames that would show it.
         refractive_index: Of what it is made of, against the air around it: ``"lower"`` where it
             bends light away from its axis (hot air, hydrogen, helium), ``"higher"`` where towards
             it (cold air, methane, propane, carbon dioxide); None where the views do not agree.
@@ -117,7 +117,7 @@ class PlumeMap:
         plumes: The plumes, strongest evidence first.
         bearings: Directions to plumes, from a camera that stood still.
         detection_limit_px: Mean displacement of the weakest plume that would have been found in
-            half of the places looked at; None where none would, or it was not worked out.
+            half of the places observed; None where none would, or it was not computed.
         detection_limit_k: The same as a temperature difference, K; only in a metric map.
         notes: What a reader must know, one sentence each.
         detector: Name of the detector.

@@ -64,7 +64,7 @@ def _make_hotspot(
     ]
     position, weakest_px = associated.solution.positions[k], begun.column.displacement_px
     detected_by = {one.flight for one in members}
-    observers = [
+    covering = [
         index
         for index, one in enumerate(coverages)
         if index in detected_by or limit_at(one, position, begun.settings.cell_m) <= weakest_px
@@ -78,9 +78,9 @@ def _make_hotspot(
         axis=plain_vector(axis / np.linalg.norm(axis)),
         displacement_px=float(np.mean([one.plume.displacement_px for one in members])),
         probability=float(1 - doubt),
-        looked_by=tuple(begun.mapped[i].name for i in observers),
+        looked_by=tuple(begun.mapped[i].name for i in covering),
         occurrence=hotspot_counts(
-            [labels[i] for i in observers], [labels[i] for i in sorted(detected_by)]
+            [labels[i] for i in covering], [labels[i] for i in sorted(detected_by)]
         ),
     )
 

@@ -50,7 +50,7 @@ def associate(
         offsets: Of the F flights.
         leans: (F, 2) of the columns of each flight, the survey's mean taken out.
         wander_m: Standard deviation of the foot of a hotspot's column about it.
-        area_m2: Of the ground that was observed.
+        area_m2: Of the ground that was covered.
     """
     density = max(len(sightings), 1) / max(len(offsets), 1) / area_m2
     groups = group_sightings(sightings, SharedCorrections.prior(offsets), leans, wander_m, density)
@@ -101,7 +101,7 @@ def group_sightings(
     """(N,) groups, numbered as they come: sightings that one hotspot explains better than two.
 
     A sighting is of the hotspot of another flight's sighting with probability `SAME`, and then
-    differs from it by their errors; or it is one of the others, anywhere on the observed ground.
+    differs from it by their errors; or it is one of the others, anywhere on the covered ground.
     Complete linkage: all pairs of a group must agree.
 
     Args:

@@ -201,9 +201,7 @@ def _measure_coverages(
         None if flight.name in missing else FlightCoverage.load(job.folder / f"{flight.name}.npz")
         for flight in begun.mapped
     ]
-    notes = (
-        f"The ground that {name} observed is not known: {why}." for name, why in missing.items()
-    )
+    notes = (f"The coverage of {name} is not known: {why}." for name, why in missing.items())
     return coverages, tuple(notes)
 
 
@@ -267,7 +265,7 @@ def centred_leans(winds: Sequence[Wind | None]) -> FloatArray:
 def area_m2(
     sightings: Sequence[PlumeSighting], coverages: Sequence[FlightCoverage | None], cell_m: float
 ) -> float:
-    """Of the ground that a flight observes (the median), or where something was seen."""
+    """Of the ground that a flight covers (the median), or where something was seen."""
     places = np.reshape([one.position[:2] for one in sightings], (-1, 2))
     spanned = np.prod(np.ptp(places, axis=0) + 2 * cell_m) if len(places) else cell_m**2
     counts = [np.isfinite(one.limit_px).sum() for one in coverages if one is not None]

@@ -1,4 +1,4 @@
-"""The ground in cells: how often each was observed, and how often something rose there."""
+"""The ground in cells: how often each was covered, and how often something rose there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class CellGrid:
         low: (2,) number of the first cell, east and north.
         cell_m: Edge of a cell.
         bins: Labels of season and hours.
-        observed: (B, H, W) flights of each bin that observed the cell, row 0 in the south.
+        covered: (B, H, W) flights of each bin that covered the cell, row 0 in the south.
         seen: (B, H, W) flights that detected something, shared between cells where the place is
             uncertain.
         limit_px: (H, W) of the weakest column that any flight would have detected.
@@ -34,7 +34,7 @@ class CellGrid:
     low: IntArray
     cell_m: float
     bins: tuple[str, ...]
-    observed: FloatArray
+    covered: FloatArray
     seen: FloatArray
     limit_px: FloatMap
 
@@ -47,17 +47,17 @@ class CellGrid:
     @cached_property
     def prior(self) -> tuple[float, float]:
         """Mean and weight of the prior of a cell."""
-        return pooled_prior(self.observed, self.seen)
+        return pooled_prior(self.covered, self.seen)
 
     @cached_property
     def overall_probability(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(H, W) each: probability over all flights, its 5 % and its 95 % quantile."""
-        return beta_posterior(self.observed.sum(axis=0), self.seen.sum(axis=0), self.prior)
+        return beta_posterior(self.covered.sum(axis=0), self.seen.sum(axis=0), self.prior)
 
     def in_bin(self, index: int) -> FloatArray:
         """(H, W) probability in one bin; its prior is the mean of the cell over all flights."""
         mean = np.nan_to_num(self.overall_probability[0], nan=self.prior[0])
-        return posterior_mean(self.observed[index], self.seen[index], (mean, self.prior[1]))
+        return posterior_mean(self.covered[index], self.seen[index], (mean, self.prior[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ def count_cells(
     cell_m: float,
     weakest_px: float,
 ) -> CellGrid | None:
-    """Adds up what F flights observed and detected; None where no coverage is known.
+    """Adds up what F flights covered and detected; None where no coverage is known.
 
     Args:
         coverages: Of each flight; None where it is not known.
@@ -86,7 +86,7 @@ def count_cells(
         places: Of the sightings.
         bins: All bins, in order.
         cell_m: Edge of a cell.
-        weakest_px: A flight observed a cell where it would have detected a column of this.
+        weakest_px: A flight covered a cell where it would have detected a column of this.
     """
     known = [one for one in coverages if one is not None and one.limit_px.size]
     if not known:
@@ -94,8 +94,8 @@ def count_cells(
     low = np.min([one.low for one in known], axis=0)
     high = np.max([one.low + one.limit_px.shape[::-1] for one in known], axis=0)
     columns, rows = (high - low).tolist()
-    observed = np.zeros((len(bins), rows, columns))
-    seen, limit_px = np.zeros_like(observed), np.full((rows, columns), np.inf, np.float32)
+    covered = np.zeros((len(bins), rows, columns))
+    seen, limit_px = np.zeros_like(covered), np.full((rows, columns), np.inf, np.float32)
     for index, (one, name) in enumerate(zip(coverages, bin_of, strict=True)):
         detected = np.zeros((rows, columns))
         for place in (place for place in places if place.flight == index):
@@ -105,10 +105,10 @@ def count_cells(
             window = _grid_window(one, low)
             detectable[window] = one.limit_px <= weakest_px
             limit_px[window] = np.minimum(limit_px[window], one.limit_px)
-        observed[bins.index(name)] += np.maximum(detectable, detected)
+        covered[bins.index(name)] += np.maximum(detectable, detected)
         seen[bins.index(name)] += detected
     return CellGrid(
-        low=low, cell_m=cell_m, bins=bins, observed=observed, seen=seen, limit_px=limit_px
+        low=low, cell_m=cell_m, bins=bins, covered=covered, seen=seen, limit_px=limit_px
     )
 
 

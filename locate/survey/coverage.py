@@ -1,4 +1,4 @@
-"""Which ground a flight observed: the weakest column it would have detected over each cell.
+"""Which ground a flight covered: the weakest column it would have detected over each cell.
 
 Cells are squares of the survey's frame, numbered from its origin, so that another flight does
 not change the coverage of this one.
@@ -123,7 +123,7 @@ def _is_current(path: Path, key: str) -> bool:
 def measure_coverage(
     flight: Flight, frame: Georeference, cell_m: float, column: ReferenceColumn
 ) -> FlightCoverage:
-    """Works out which ground a flight observed.
+    """Works out which ground a flight covered.
 
     A column is placed on the ground in the middle of every cell whose ground the flight saw. The
     evidence that its displacement gives at each pixel's own sigma is compared with the run's

@@ -41,28 +41,28 @@ class MapLayer:
 
 
 def layers_of(cells: CellGrid | None) -> list[MapLayer]:
-    """The probability over all flights, by season and hours, and how often a cell was observed."""
+    """The probability over all flights, by season and hours, and how often a cell was covered."""
     if cells is None:
         return []
-    observed = cells.observed.sum(axis=0)
+    covered = cells.covered.sum(axis=0)
     top = max(float(np.nanmax(cells.overall_probability[0], initial=0.0)), 1e-6)
     values = {f"all flights (highest: {top:.2f})": cells.overall_probability[0] / top}
     if len(cells.bins) > 1:
         values |= {name: cells.in_bin(i) / top for i, name in enumerate(cells.bins)}
-    most = max(float(observed.max()), 1.0)
-    values[f"observations (most: {most:.0f})"] = np.where(observed > 0, observed / most, np.nan)
-    window, place = _observed_window(cells)
+    most = max(float(covered.max()), 1.0)
+    values[f"covering flights (most: {most:.0f})"] = np.where(covered > 0, covered / most, np.nan)
+    window, place = _covered_window(cells)
     return [
         MapLayer(label=name, uri=_png_uri(strength[window]), west_north_size=place)
         for name, strength in values.items()
     ]
 
 
-def _observed_window(
+def _covered_window(
     cells: CellGrid,
 ) -> tuple[tuple[slice, slice], tuple[float, float, float, float]]:
-    """The window that holds every observed cell, and its place on the drawing."""
-    inside = np.argwhere(cells.observed.any(axis=0))
+    """The window that holds every covered cell, and its place on the drawing."""
+    inside = np.argwhere(cells.covered.any(axis=0))
     if not len(inside):
         inside = np.argwhere(np.ones(cells.shape))
     (bottom, left), (top, right) = inside.min(axis=0), inside.max(axis=0) + 1

@@ -68,7 +68,7 @@ class Hotspot(SurveyBlock):
         axis: Unit vector of the mean rise.
         displacement_px: Mean of its sightings.
         probability: That at least one of its sightings is no false alarm.
-        looked_by: Names of the flights that observed it, those that saw it included.
+        looked_by: Names of the flights that covered it, those that saw it included.
         occurrence: How often it was present: all flights first, then by season and hours.
     """
 

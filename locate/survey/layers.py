@@ -27,7 +27,7 @@ RING = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
 
 
 def write_layers(path: Path, survey: Survey, cells: CellGrid | None) -> None:
-    """Writes the GeoPackage; the layer ``cells`` holds those that were observed."""
+    """Writes the GeoPackage; the layer ``cells`` holds those that were covered."""
     with new_geopackage(path) as file:
         srs = add_reference_systems(file, survey.frame.datum)
         _add_points(
@@ -81,14 +81,14 @@ def _add_cells(file: Connection, survey: Survey, cells: CellGrid | None) -> None
     rows: list[dict[str, Any]] = []
     rings = np.zeros((0, len(RING), 2))
     if cells is not None:
-        observed, seen = cells.observed.sum(axis=0), cells.seen.sum(axis=0)
-        where = np.argwhere(observed > 0)
+        covered, seen = cells.covered.sum(axis=0), cells.seen.sum(axis=0)
+        where = np.argwhere(covered > 0)
         mean, low, high = cells.overall_probability
         limit_px = np.where(np.isfinite(cells.limit_px), cells.limit_px, np.nan)
         by_bin = {column_name(name): cells.in_bin(i) for i, name in enumerate(cells.bins)}
         rows = [
             {
-                "looked": float(observed[r, c]),
+                "looked": float(covered[r, c]),
                 "seen": float(seen[r, c]),
                 "probability": float(mean[r, c]),
                 "low": float(low[r, c]),

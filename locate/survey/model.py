@@ -34,7 +34,7 @@ class SurveySettings(SurveyBlock):
         focal_px: Likewise.
         max_frames: Likewise.
         cell_m: Edge of a cell of the ground.
-        displacement_px: A flight has observed a cell where it would have detected a column that
+        displacement_px: A flight has covered a cell where it would have detected a column that
             displaces the background uniformly by this much; None for the median sighting, as
             the uniform displacement that would have given as much evidence.
         radius_m: Of that column; None for the median of the first sightings the survey had.
@@ -116,7 +116,7 @@ class Flight(SurveyBlock):
 
 
 class ReferenceColumn(SurveyBlock):
-    """The weakest column that a flight must have been able to detect where it observed.
+    """The weakest column that a flight must have been able to detect where it covered.
 
     Attributes:
         radius_m: Of the column.
@@ -143,7 +143,7 @@ class Survey(SurveyBlock):
         winds: By flight.
         drift_m: Metres the foot of a column moves downwind per unit of lean, all hotspots.
         drift_sigma_m: Standard deviation of that.
-        prior: Mean and weight (in observations) of the Beta prior of a cell's probability.
+        prior: Mean and weight (in flights) of the Beta prior of a cell's probability.
         bins: Labels of season and hours that hold flights, in the order of the raster's bands.
         notes: What a reader must know.
     """

@@ -1,4 +1,4 @@
-"""How often a column is present, from how often its place was observed and it was seen."""
+"""How often a column is present, from how often its place was covered and it was seen."""
 
 from collections.abc import Sequence
 
@@ -10,65 +10,65 @@ from geometry.arrays import FloatArray
 from locate.survey.findings import OccurrenceCount
 
 ALL = "all"
-PRIOR_LOOKS = 1.0
-"""Weight of a cell's prior, in observations; chosen."""
+PRIOR_FLIGHTS = 1.0
+"""Weight of a cell's prior, in flights; chosen."""
 INTERVAL = (0.05, 0.95)
 """Quantiles that are stated."""
 STEPS = 2000
 """Of the numeric integral over a probability."""
 
 
-def pooled_prior(observed: FloatArray, seen: FloatArray) -> tuple[float, float]:
-    """Mean and weight (in observations) of the Beta prior of one cell: the survey's own share.
+def pooled_prior(covered: FloatArray, seen: FloatArray) -> tuple[float, float]:
+    """Mean and weight (in flights) of the Beta prior of one cell: the survey's own share.
 
     An empirical prior: most of the ground sends up nothing; the share that does is that of the
-    survey. Half a sighting in one observation is added so that it is neither 0 nor 1.
+    survey. Half a sighting in one flight is added so that it is neither 0 nor 1.
     """
-    return float((seen.sum() + 0.5) / (observed.sum() + 1.0)), PRIOR_LOOKS
+    return float((seen.sum() + 0.5) / (covered.sum() + 1.0)), PRIOR_FLIGHTS
 
 
 Prior = tuple[float | FloatArray, float]
 
 
 def beta_posterior(
-    observed: FloatArray, seen: FloatArray, prior: Prior
+    covered: FloatArray, seen: FloatArray, prior: Prior
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean, 5 % and 95 % quantile of Beta posteriors; NaN where nothing was observed.
+    """Mean, 5 % and 95 % quantile of Beta posteriors; NaN where nothing was covered.
 
     Args:
-        observed: How often each was observed.
-        seen: How often it was seen, at most `observed`.
-        prior: Mean and weight in observations.
+        covered: How often each was covered.
+        seen: How often it was seen, at most `covered`.
+        prior: Mean and weight in flights.
     """
-    a, b = _beta_parameters(observed, seen, prior)
-    low, high = (np.where(observed > 0, beta.ppf(q, a, b), np.nan) for q in INTERVAL)
-    return posterior_mean(observed, seen, prior), low, high
+    a, b = _beta_parameters(covered, seen, prior)
+    low, high = (np.where(covered > 0, beta.ppf(q, a, b), np.nan) for q in INTERVAL)
+    return posterior_mean(covered, seen, prior), low, high
 
 
-def posterior_mean(observed: FloatArray, seen: FloatArray, prior: Prior) -> FloatArray:
+def posterior_mean(covered: FloatArray, seen: FloatArray, prior: Prior) -> FloatArray:
     """The first of `beta_posterior`."""
-    a, b = _beta_parameters(observed, seen, prior)
-    return np.where(observed > 0, a / (a + b), np.nan)
+    a, b = _beta_parameters(covered, seen, prior)
+    return np.where(covered > 0, a / (a + b), np.nan)
 
 
 def _beta_parameters(
-    observed: FloatArray, seen: FloatArray, prior: Prior
+    covered: FloatArray, seen: FloatArray, prior: Prior
 ) -> tuple[FloatArray, FloatArray]:
     mean, weight = prior
-    return mean * weight + seen, (1 - np.asarray(mean)) * weight + observed - seen
+    return mean * weight + seen, (1 - np.asarray(mean)) * weight + covered - seen
 
 
-def hotspot_counts(observed: Sequence[str], seen: Sequence[str]) -> tuple[OccurrenceCount, ...]:
-    """How often a hotspot was there: in all, then in each bin that holds an observation.
+def hotspot_counts(covered: Sequence[str], seen: Sequence[str]) -> tuple[OccurrenceCount, ...]:
+    """How often a hotspot was present: in all, then in each bin that holds a covering flight.
 
     Args:
-        observed: The bin of every flight that observed it, those that saw it included.
+        covered: The bin of every flight that covered it, those that saw it included.
         seen: The bin of every flight that saw it.
     """
-    groups = [ALL, *dict.fromkeys(observed)]
+    groups = [ALL, *dict.fromkeys(covered)]
     counts = []
     for name in groups:
-        n = len(observed) if name == ALL else observed.count(name)
+        n = len(covered) if name == ALL else covered.count(name)
         k = len(seen) if name == ALL else seen.count(name)
         mean, low, high = hotspot_posterior(n, k, known_by_sight=name == ALL)
         counts.append(
@@ -84,9 +84,9 @@ def hotspot_posterior(n: int, k: int, *, known_by_sight: bool) -> tuple[float, f
     zero, ``p^k (1 - p)^(n - k) / (1 - (1 - p)^n)``; the prior is flat.
 
     Args:
-        n: Number of observations.
+        n: Number of flights that covered its place.
         k: Number of times it was seen.
-        known_by_sight: These observations are all there were, so that k = 0 cannot be.
+        known_by_sight: These flights are all there were, so that k = 0 cannot be.
     """
     p = (np.arange(STEPS) + 0.5) / STEPS
     log_likelihood = k * np.log(p) + (n - k) * np.log1p(-p) - betaln(k + 1, n - k + 1)

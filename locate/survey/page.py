@@ -15,7 +15,7 @@ from locate.survey.places import LocatedHotspot, located_hotspots
 FLIGHT_HEADS = ("Flight", "When", "Plumes", "Lean", "")
 SPOT_HEADS = (
     "Hotspot", "Latitude, longitude (WGS84)", "Height", "1 sigma east, north",
-    "Seen of observed", "Present with probability", "By season and hours", "No false alarm",
+    "Seen of covered", "Present with probability", "By season and hours", "No false alarm",
 )  # fmt: skip
 
 
@@ -53,14 +53,14 @@ def _headline(survey: Survey) -> str:
 
 def _lead(survey: Survey, cells: CellGrid | None) -> str:
     if not survey.hotspots:
-        if cells is not None and cells.observed.any():
-            return "Nothing was seen; the map shows the ground that was observed."
+        if cells is not None and cells.covered.any():
+            return "Nothing was seen; the map shows the ground that was covered."
         size = f"{survey.column.displacement_px:.2g} px"
         return f"Nothing was seen, and nowhere would a column of {size} have been found."
     total = survey.hotspots[0].occurrence[0]
     return (
         f"The one seen most often was seen by {total.seen:.0f} of the {total.looked:.0f} flights "
-        f"that observed it: it is present with probability {total.probability:.2f} "
+        f"that covered it: it is present with probability {total.probability:.2f} "
         f"({total.low:.2f} to {total.high:.2f})."
     )
 
@@ -70,10 +70,10 @@ def _facts(survey: Survey, cells: CellGrid | None) -> Iterable[tuple[str, str]]:
     yield "Origin", f"{frame.lat_deg:.6f}, {frame.lon_deg:.6f}, {frame.name}"
     yield "Sightings", str(len(survey.sightings))
     if cells is not None:
-        hectares = float((cells.observed.sum(axis=0) > 0).sum()) * cells.cell_m**2 / 1e4
-        yield "Observed", f"{hectares:.2g} ha in cells of {cells.cell_m:g} m"
+        hectares = float((cells.covered.sum(axis=0) > 0).sum()) * cells.cell_m**2 / 1e4
+        yield "Covered", f"{hectares:.2g} ha in cells of {cells.cell_m:g} m"
         yield (
-            "Observed means able to detect",
+            "Covered means able to detect",
             f"columns of {survey.column.displacement_px:.2g} px and more",
         )
 
@@ -127,14 +127,15 @@ def _limits(survey: Survey) -> Iterable[str]:
     mean, weight = survey.prior
     column = survey.column
     yield (
-        f"A flight observed a cell where its evidence would have carried a column of "
+        f"A flight covered a cell where its evidence would have carried a column of "
         f"{column.displacement_px:.2g} px, {column.radius_m:.2g} m in radius and "
         f"{column.height_m:.2g} m high, over its threshold; near that limit half are missed, and "
         "weaker ones nearly always."
     )
     yield (
         f"The probability of a cell is the mean of a Beta posterior; its prior is worth "
-        f"{weight:g} observation with mean {mean:.3g}, the survey's own share of those that saw."
+        f"{weight:g} flight with mean {mean:.3g}, the share of covering flights with a sighting in "
+        "the whole survey."
     )
     yield "That of a hotspot allows for its being known only because it was seen."
     yield (

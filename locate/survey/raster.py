@@ -16,7 +16,7 @@ EARTH_RADIUS_M = 6_371_000.0
 
 
 def write_raster(path: Path, survey: Survey, cells: CellGrid) -> None:
-    """Writes float32 bands, north up, NaN where nothing was observed; each band has a description.
+    """Writes float32 bands, north up, NaN where nothing was covered; each band has a description.
 
     The projection is a transverse Mercator about the survey's origin, true to scale at the
     origin's height: within a few kilometres its metres are those of the survey's frame.
@@ -66,15 +66,15 @@ def _import_rasterio() -> Any:
 
 
 def _raster_bands(survey: Survey, cells: CellGrid) -> dict[str, FloatArray]:
-    observed = cells.observed.sum(axis=0)
+    covered = cells.covered.sum(axis=0)
     mean, low, high = cells.overall_probability
     limit_px = np.where(np.isfinite(cells.limit_px), cells.limit_px, np.nan)
     bands = {
         "updraft probability": mean,
         "5 % quantile": low,
         "95 % quantile": high,
-        "flights that looked": np.where(observed > 0, observed, np.nan),
-        "flights that saw": np.where(observed > 0, cells.seen.sum(axis=0), np.nan),
+        "flights that looked": np.where(covered > 0, covered, np.nan),
+        "flights that saw": np.where(covered > 0, cells.seen.sum(axis=0), np.nan),
         "detection limit, px": limit_px,
     }
     by_bin = {name: cells.in_bin(index) for index, name in enumerate(survey.bins)}

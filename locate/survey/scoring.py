@@ -94,7 +94,7 @@ class SurveyScore:
         single_found: Share of `sites` that one flight finds, the mean of all.
         false_sightings: Sightings of no column.
         standing: Pairs of flight and column present.
-        looks: Those of them in which, by the survey, the flight observed a found hotspot.
+        looks: Those of them in which, by the survey, the flight covered a found hotspot.
         seen: Those of `looks` that were seen.
         chance: True mean probability of each site that was found.
         said: The survey's estimate of it.
@@ -140,7 +140,7 @@ def score_survey(survey: Survey, folder: Path) -> SurveyScore:
     errors = [(spots[k] - truth.sites[i])[:2] for i, k in paired]
     covariances = [np.array(survey.hotspots[k].covariance)[:2, :2] for _, k in paired]
     single = [_score_sightings(survey, name, truth.feet[row]) for name, row in rows.items()]
-    looks, seen = _count_observations(survey, truth, rows, paired)
+    looks, seen = _count_covering(survey, truth, rows, paired)
     chance = truth.chance[used].mean(axis=0)
     totals = [survey.hotspots[k].occurrence[0] for _, k in paired]
     return SurveyScore(
@@ -196,10 +196,10 @@ def _score_sightings(
     return right, len(plumes) - len(paired)
 
 
-def _count_observations(
+def _count_covering(
     survey: Survey, truth: CampaignTruth, rows: dict[str, int], paired: list[tuple[int, int]]
 ) -> tuple[int, int]:
-    """Observations of hotspots while their column was present, and how many of them saw it."""
+    """Flights that covered a hotspot while its column was present, and how many of them saw it."""
     saw = {(one.flight, one.hotspot) for one in survey.sightings}
     looks = [
         (name, survey.hotspots[k].id) in saw
@@ -241,6 +241,6 @@ def _score_rows(score: SurveyScore) -> Iterator[tuple[str, str, str]]:
             "m",
         )
         yield "NEES of it, median, 1.39 expected", f"{np.median(score.single_nees):.2f}", ""
-    yield "observations of a present column, seen", f"{score.seen} of {score.looks}", ""
+    yield "flights that covered a present column, seen", f"{score.seen} of {score.looks}", ""
     sighted = len(score.single_errors_m)
     yield "columns present, seen by their flight", f"{sighted} of {score.standing}", ""

@@ -13,7 +13,7 @@ def survey_table(survey: Survey) -> Table:
     spots = "1 hotspot" if count == 1 else f"{count} hotspots"
     title = f"{spots}, {len(survey.mapped)} of {len(survey.flights)} flights"
     table = Table(title=title, title_justify="left")
-    for name in ("hotspot", "latitude", "longitude", "sigma, m", "seen", "observed", "probability"):
+    for name in ("hotspot", "latitude", "longitude", "sigma, m", "seen", "covered", "probability"):
         table.add_column(name, justify="right")
     for place in located_hotspots(survey):
         total = place.hotspot.occurrence[0]

@@ -85,8 +85,8 @@ def track_from_columns(
         names: Photo of each record.
 
     Raises:
-        BadInputError: No record says where the camera was or how it was turned, or nothing says
-            which frame a record belongs to.
+        BadInputError: No record has the position or attitude of the camera, or the frame that a
+            record belongs to is not stated.
     """
     n = max((len(values) for values in columns.values()), default=0)
     clean = {key: _clean_column(key, columns.get(key), n) for key in (*COLUMNS, "times_s")}
@@ -100,7 +100,7 @@ def track_from_columns(
     kept = _holds_a_value(clean)
     if not kept.any():
         raise BadInputError(
-            f"{path}: none of {n} records of this {kind} file says where the camera was "
+            f"{path}: none of {n} records of this {kind} file has a camera position "
             "(was the receiver off or without fix?)"
         )
     times_s: FloatArray | None = None

@@ -67,8 +67,7 @@ def parse_geo(text: str, path: Path) -> TelemetryTrack:
     transformer, rows = _read_rows(text, path)
     if rows and _parse_number(rows[0][0]) == _parse_number(rows[0][0]):
         raise BadInputError(
-            f"{path}: a list of ground control points, which says where points are and not where "
-            "the camera was"
+            f"{path}: a list of ground control points: positions of points, not of the camera"
         )
     values = np.full((len(rows), len(_COLUMNS)), np.nan)
     for row, words in zip(values, rows, strict=True):

@@ -1,4 +1,4 @@
-"""The time between a video and its telemetry, from how fast both say the camera went.
+"""The time between a video and its telemetry, from the speed of the camera in both.
 
 Two profiles of the same motion, one of them in unknown units, are shifted until they agree best;
 what is reported is the shift with the highest correlation, how well the next best does, and the
@@ -29,10 +29,15 @@ from locate.telemetry.resample import interpolate
 from locate.telemetry.track import TelemetryTrack
 
 MIN_COVERED = 0.5
+"""Share of the camera path that the track must overlap; chosen."""
 MAX_CHANCE = 0.01
+"""Largest probability that unrelated profiles agree as well; chosen."""
 MIN_LEAD_NATS = 7.0
+"""Least log-likelihood by which the best shift must beat any other; chosen."""
 _TAPER_S = 3.0
+"""Lags up to which the errors of the fit may be correlated; chosen."""
 _LOBE_S = 2.0
+"""Shifts this near to the best one belong to its peak; chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +77,7 @@ def estimate_offset(
         search_s: Lowest and highest offset; by default all with enough overlap.
 
     Raises:
-        BadInputError: The profiles do not tell: too short, too even, or as good elsewhere.
+        BadInputError: The profiles do not determine it: too short, too even, or as good elsewhere.
     """
     start_s, profile = speed_profile(track)
     return _match_profiles(track, start_s, profile, stamps_s, speeds, search_s)
@@ -94,7 +99,7 @@ def estimate_offset_from_turns(
         search_s: Lowest and highest offset.
 
     Raises:
-        BadInputError: The profiles do not tell, or the track has no angles.
+        BadInputError: The profiles do not determine it, or the track has no angles.
     """
     start_s, profile = turn_profile(track)
     return _match_profiles(track, start_s, profile, stamps_s, turns_dps, search_s)
@@ -136,9 +141,9 @@ def _match_profiles(
     found = replace(found, lead_nats=_lead_nats(found, x, y))
     if found.chance > MAX_CHANCE or found.lead_nats < MIN_LEAD_NATS or not isfinite(found.sigma_s):
         raise BadInputError(
-            f"{track.path}: the motion does not tell the time offset to the video (correlation "
-            f"{found.correlation:.2f}, elsewhere {found.rival:.2f}, by chance with probability "
-            f"{found.chance:.2g}); give the offset, or fly less evenly"
+            f"{track.path}: the motion does not determine the time offset to the video "
+            f"(correlation {found.correlation:.2f}, elsewhere {found.rival:.2f}, "
+            f"by chance with probability {found.chance:.2g}); give the offset, or fly less evenly"
         )
     return found
 

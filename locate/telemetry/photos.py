@@ -39,10 +39,10 @@ def read_photos(path: Path) -> TelemetryTrack:
     """Reads EXIF and DJI's XMP of one photo, or of all photos of a folder.
 
     A photo whose metadata cannot be read is one without a position. Altitudes count from mean
-    sea level as EXIF defines, or from the ellipsoid where EXIF 3.0 or DJI (``RtkAlt``) says so.
+    sea level as EXIF defines, or from the ellipsoid where EXIF 3.0 or DJI (``RtkAlt``) states that.
 
     Raises:
-        BadInputError: No photos, or none that says where it was taken.
+        BadInputError: No photos, or none with a position.
     """
     if not path.is_dir():
         return _make_track(path, [path], [_read_photo(path)])

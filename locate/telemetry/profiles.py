@@ -10,8 +10,11 @@ from locate.telemetry.resample import interpolate
 from locate.telemetry.track import MAX_GAP_S, METRES_PER_DEGREE, TelemetryTrack
 
 STEP_S = 0.1
+"""Of the grid of times; chosen."""
 WINDOW_S = 1.0
+"""Speeds are means over this time; chosen."""
 MIN_LENGTH_S = 10.0
+"""Shortest profile that is compared; chosen."""
 _MAX_STEPS = 2**20
 _NEIGHBOURS, _FAR = 5, 8.0
 _AXES = ("yaw", "pitch", "roll")

@@ -1,4 +1,4 @@
-"""Which parser a file of telemetry is for, told from its content."""
+"""Which parser a file of telemetry is for, by its content."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -41,7 +41,7 @@ def read_telemetry(path: Path) -> TelemetryTrack:
             photos. The content decides, not the suffix.
 
     Raises:
-        BadInputError: Nothing there, nothing that is known, or nothing in it says where.
+        BadInputError: Nothing there, no known format, or no position in it.
     """
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")

@@ -1,4 +1,4 @@
-"""Where a vehicle and its camera were, and when, as its own records say."""
+"""Position and attitude of a vehicle and its camera over time, from its own records."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -37,9 +37,13 @@ COLUMNS = (
     "clock_s",
 )
 METRES_PER_DEGREE = 111_320.0
+"""Of latitude."""
 MAX_DECIMALS = 8
+"""Of a degree; finer steps are not looked for."""
 MAX_GAP_S = 2.0
+"""Longest gap between records that is interpolated; chosen."""
 HELD_S = 1.0
+"""A position repeated for longer is a hover; chosen."""
 
 
 class AltitudeDatum(Enum):
@@ -73,7 +77,7 @@ class TelemetryTrack:
         latitude_deg: (N,) WGS84.
         longitude_deg: (N,) WGS84.
         altitude_m: (N,) above `altitude_datum`.
-        altitude_datum: What the file, or the standard it follows, says the altitude counts from.
+        altitude_datum: What the altitude counts from, by the file or the standard it follows.
         height_m: (N,) above the place of takeoff, mostly barometric.
         horizontal_sigma_m: (N,) along each horizontal axis, only where the file states it.
         vertical_sigma_m: (N,) only where the file states it.
@@ -130,7 +134,7 @@ class TelemetryTrack:
 
     @property
     def has_position(self) -> BoolArray:
-        """(N,) records that say where; the altitude may still be missing."""
+        """(N,) records with a position; the altitude may still be missing."""
         return np.isfinite(self.latitude_deg)
 
     @property

@@ -128,7 +128,7 @@ def test_the_scene_holds_cameras_and_the_plume_where_they_are(tmp_path: Path) ->
     assert "source 1, 2 sigma" in traces
     title = traces["evidence"]["marker"]["colorbar"]["title"]["text"]
     assert "evidence" in title
-    assert "0.5 = says nothing" in title
+    assert "0.5 = none" in title
 
 
 def test_axes_have_one_scale_and_stray_points_do_not_zoom_out(tmp_path: Path) -> None:

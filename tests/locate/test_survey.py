@@ -63,7 +63,7 @@ def test_hotspots_are_where_columns_stood(done: tuple[Survey, Path]) -> None:
         assert sigma < 1.0, "five flights of 1 m know no more than one"
 
 
-def test_an_observation_that_saw_nothing_counts(done: tuple[Survey, Path]) -> None:
+def test_a_covering_flight_that_saw_nothing_counts(done: tuple[Survey, Path]) -> None:
     answer, _ = done
     rare = answer.hotspots[2]
     assert (rare.occurrence[0].looked, rare.occurrence[0].seen) == (5, 2)
@@ -75,7 +75,7 @@ def test_an_observation_that_saw_nothing_counts(done: tuple[Survey, Path]) -> No
     assert rare.occurrence[0].low < 0.4 < rare.occurrence[0].high
 
 
-def test_flights_that_observe_elsewhere_or_badly_do_not_count(tmp_path: Path) -> None:
+def test_flights_that_cover_elsewhere_or_badly_do_not_count(tmp_path: Path) -> None:
     seen = write_run(tmp_path, Flown(name="seen", feet=SITES[:1]))
     blurred = write_run(tmp_path, Flown(name="blurred", sigma_px=5.0))
     answer = build_survey([seen, blurred], tmp_path / "out", settings=SETTINGS)
@@ -85,9 +85,7 @@ def test_flights_that_observe_elsewhere_or_badly_do_not_count(tmp_path: Path) ->
     )
     weak = SETTINGS.model_copy(update={"displacement_px": 100.0})
     counts = build_survey([], tmp_path / "out", settings=weak).hotspots[0].occurrence[0]
-    assert (counts.looked, counts.seen) == (1, 1), (
-        "an observation needs evidence, whatever the amplitude"
-    )
+    assert (counts.looked, counts.seen) == (1, 1), "coverage needs evidence, whatever the amplitude"
 
 
 def test_another_flight_leaves_the_others_alone(

@@ -1,4 +1,4 @@
-"""When a flight was, which way its columns lean, and which ground it observed."""
+"""When a flight was, which way its columns lean, and which ground it covered."""
 
 import json
 from dataclasses import replace
@@ -90,7 +90,7 @@ def test_columns_say_where_the_wind_comes_from(tmp_path: Path) -> None:
     assert wind_of(one, []) is None
 
 
-def test_a_flight_observed_what_it_flew_over(tmp_path: Path) -> None:
+def test_a_flight_covered_what_it_flew_over(tmp_path: Path) -> None:
     one = flight(tmp_path, Flown(name="over"))
     covered = measure_coverage(one, FIELD, CELL_M, COLUMN)
     centres = (np.indices(covered.limit_px.shape)[::-1].T + covered.low + 0.5) * CELL_M
@@ -184,7 +184,7 @@ def test_a_place_is_shared_between_the_cells_it_may_be_in() -> None:
     assert shares.sum() == pytest.approx(1.0)
 
 
-def test_seen_is_never_more_than_observed() -> None:
+def test_seen_is_never_more_than_covered() -> None:
     blind = FlightCoverage(
         low=np.array([0, 0]),
         limit_px=np.full((3, 3), np.inf, np.float32),
@@ -198,8 +198,8 @@ def test_seen_is_never_more_than_observed() -> None:
     )  # fmt: skip
     assert cells is not None
     assert cells.shape == (3, 4)
-    assert cells.observed[0].sum() == cells.seen[0].sum() == pytest.approx(1.0)
-    assert cells.observed[1].tolist() == [[0, 1, 1, 1]] * 3
+    assert cells.covered[0].sum() == cells.seen[0].sum() == pytest.approx(1.0)
+    assert cells.covered[1].tolist() == [[0, 1, 1, 1]] * 3
     assert cells.overall_probability[0][1, 1] > 5 * cells.overall_probability[0][1, 2]
     assert np.isnan(cells.overall_probability[0][0, 0])
 

@@ -93,7 +93,7 @@ def test_tifffile_and_pyproj_find_the_hotspot_in_the_raster(done: tuple[Survey, 
     seen = bands[names.index("flights that saw")]
     assert seen[row, column].tolist() == pytest.approx([2.0, 1.0], abs=0.6)
     probability = bands[0]
-    assert np.isnan(probability).any(), "what was not observed has no probability"
+    assert np.isnan(probability).any(), "what was not covered has no probability"
     highest = np.unravel_index(np.nanargmax(probability), probability.shape)
     assert highest == (row[0], column[0])
     assert np.nanmin(probability) < 0.05
@@ -168,7 +168,7 @@ def test_the_page_needs_no_network(done: tuple[Survey, Path]) -> None:
     page.feed(text)
     assert page.open == []
     assert page.addresses == []
-    assert page.pictures == 4, "all flights, two bins, and the observations"
+    assert page.pictures == 4, "all flights, two bins, and the covering flights"
     assert "2 hotspots from 2 flights" in text
     assert "http" not in text.replace("http-equiv", "")
     assert len(text) < 200_000

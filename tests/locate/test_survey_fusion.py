@@ -135,7 +135,7 @@ def test_how_often_a_hotspot_is_there_is_not_flattered_by_its_discovery(true: fl
     assert answers[1][0] < naive[0]
 
 
-def test_a_cell_knows_how_often_it_was_observed() -> None:
+def test_a_cell_knows_how_often_it_was_covered() -> None:
     looked, seen = np.array([0.0, 1.0, 8.0, 8.0]), np.array([0.0, 0.0, 0.0, 8.0])
     prior = pooled_prior(looked, seen)
     assert prior[0] == pytest.approx(8.5 / 18)

@@ -247,7 +247,7 @@ def test_subtitles_inside_the_video(tmp_path: Path, name: str, codec: str) -> No
 def test_a_video_without_telemetry_takes_the_file_beside_it(tmp_path: Path) -> None:
     video = tmp_path / "DJI_1.MP4"
     recorded.write_video(video, "mov_text", ["hello"])
-    with pytest.raises(BadInputError, match="where the camera was"):
+    with pytest.raises(BadInputError, match="has a camera position"):
         read_telemetry(video)
     assert telemetry_candidates(video) == (video,)
     sidecar = tmp_path / "DJI_1.SRT"
@@ -262,9 +262,9 @@ def test_a_video_without_telemetry_takes_the_file_beside_it(tmp_path: Path) -> N
         ("empty.srt", b"", "is empty"),
         ("noise.bin", b"\x00\x01\x02" * 100, "not a readable video"),
         ("prose.txt", b"It was a dark and stormy night\n", "no telemetry is recognised"),
-        ("film.srt", b"1\n00:00:01,000 --> 00:00:02,000\nHello\n", "where the camera was"),
+        ("film.srt", b"1\n00:00:01,000 --> 00:00:02,000\nHello\n", "has a camera position"),
         ("bad.gpx", b"<gpx><trk>", "not a readable GPX"),
-        ("no.csv", b"time,latitude,longitude\n", "where the camera was"),
+        ("no.csv", b"time,latitude,longitude\n", "has a camera position"),
         ("loose.csv", b"latitude,longitude\n47.1,8.5\n", "neither usable times nor photo names"),
         ("crs.txt", b"EPSG:99999\nA.JPG 1 2 3\n", "no known projection"),
         ("a.ulg", b"ULog\x01\x12\x35\x01" + bytes(8), "position"),

@@ -43,7 +43,7 @@ def test_a_flight_of_equal_laps_is_refused() -> None:
     )
     stamps_s = np.arange(0, 90, 0.2)
     speeds = 1 + np.cos(2 * np.pi * (stamps_s + 47) / 30)
-    with pytest.raises(BadInputError, match="does not tell the time offset"):
+    with pytest.raises(BadInputError, match="does not determine the time offset"):
         estimate_offset(found, stamps_s, speeds)
     near = estimate_offset(found, stamps_s, speeds, search_s=(40, 54))
     assert near.offset_s == pytest.approx(47, abs=0.1)

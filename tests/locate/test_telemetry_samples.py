@@ -41,7 +41,7 @@ READ = {
 REFUSED = {
     "dji_srt/broken_empty.SRT": "is empty",
     "dji_srt/broken_empty2.SRT": "no telemetry is recognised",
-    "dji_srt/mavic_air.SRT": "none of 2 records of this DJI SRT file says where the camera was",
+    "dji_srt/mavic_air.SRT": "none of 2 records of this DJI SRT file has a camera position",
     "dji_rtk/gcp_list.txt": "ground control points",
     "gpx_ground/Mojstrovka.gpx": "neither usable times nor photo names",  # all in December 1901
 }

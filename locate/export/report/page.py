@@ -56,7 +56,7 @@ def write_report(
         trajectory: The cameras; None where the camera stood still, then there is no 3D scene.
         points_in_world: (N, 3) sparse points of the scene; N may be 0.
         voxels_in_world: (V, 3) voxels that hold evidence; V may be 0.
-        voxel_probability: (V,) logistic of their mean evidence per view; 0.5 says nothing.
+        voxel_probability: (V,) logistic of their mean evidence per view; 0.5 is no evidence.
         frames: Frames to show with their evidence.
         stages: Times of the run.
         settings: Settings and versions, as the reader should see them.

@@ -77,7 +77,7 @@ def _voxel_traces(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
         "cmax": 1,
         "opacity": opacity,
         "colorbar": {
-            "title": {"text": "evidence,<br>0.5 = says nothing"},
+            "title": {"text": "evidence,<br>0.5 = none"},
             "len": 0.45,
             "thickness": 10,
             "x": 0.99,
@@ -85,7 +85,7 @@ def _voxel_traces(voxels: FloatArray, probability: FloatArray) -> list[Trace]:
             "tickvals": [0, 0.5, 1],
         },
     }
-    trace["hovertemplate"] = "%{marker.color:.2f}, 0.5 = says nothing<extra>evidence</extra>"
+    trace["hovertemplate"] = "%{marker.color:.2f}, 0.5 = none<extra>evidence</extra>"
     return [trace]
 
 

@@ -1,4 +1,4 @@
-"""What the report says in words."""
+"""The sentences of the report."""
 
 from collections.abc import Iterator
 
@@ -54,7 +54,7 @@ def facts(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[tuple[
 
 
 def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
-    """What the answer does not say, in plain words; the notes of the map included."""
+    """The limits of the result, one sentence each; the notes of the map included."""
     yield plume_map.limit_text()
     yield from plume_map.notes
     if plume_map.plumes or plume_map.bearings:
@@ -72,7 +72,7 @@ def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
         if plume.refractive_index is not None:
             yield (
                 f"Plume {plume.id} bends light as {LIKE[plume.refractive_index]} do: "
-                "that does not say which gas it is."
+                "that does not identify the gas."
             )
         if plume.extent_low > 0:
             yield (
