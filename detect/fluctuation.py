@@ -1,11 +1,11 @@
-"""Air before a camera at rest, told from noise by the time it takes.
+"""Moving air before a camera at rest, separated from noise by its temporal coherence.
 
 Noise is new in every frame, and moving air carries its pattern from one frame to the next: the
 covariance of a pixel's displacement with that in the next frame is zero for noise, however strong,
-and positive for air. How large chance makes it, the same frames say in random order. Video codecs
-carry noise on as well: then hardly any pixel is as low as chance makes it.
+and positive for air. How large chance makes it is measured on the same frames in random order.
+Video codecs carry noise on as well: then hardly any pixel is as low as chance makes it.
 
-Branches and flags move too, but spring back: the autocorrelation of a damped oscillation falls to
+Branches and flags move too, but oscillate: the autocorrelation of a damped oscillation falls to
 -exp(-pi zeta) half a period later, -0.5 to -0.9 for the damping ratios zeta of trees, where that of
 turbulence fades.
 """
@@ -21,18 +21,30 @@ from detect.warp import blur, gradients
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 
 PRESMOOTHING_PX, WINDOW_PX, NOISE = 0.7, 2.0, 1.4
-LIT_ALIKE_PX, DARKEST = 12.0, 4.0
-GREY_LEVELS = 64.0  # what a tone that is e times as bright counts as
+"""Blur of the frames and window of the displacement, px; noise of the tones, grey levels; chosen
+by hand."""
+SHADING_PX, DARKEST = 12.0, 4.0
+"""Standard deviation of the surroundings that brightness is taken relative to, px, and what is
+added to it, grey levels; chosen by hand."""
+GREY_LEVELS = 64.0
+"""What a tone that is e times as bright as its surroundings counts as; chosen by hand."""
 MOST_PX = 3.0
+"""Displacements are clipped to this; chosen by hand."""
 POOL_PX, CHANCE_POOL_PX = 4.0, 8.0
+"""Standard deviation of the blur of covariances, and of their variance by chance; by hand."""
 DRAWS, MOST_LAG, LEAST_PX2 = 12, 25, 1e-8
+"""Random orders, longest lag in frames, and what keeps ratios finite; chosen by hand."""
 LOW_SHARE, CALM_SHARE = 0.1, 0.55
-CLEAR, FEWEST_CLEAR, SPRINGING = 0.5, 50, -0.35
+"""Quantile of the covariance by chance, and share of so low pixels, of that by chance, below which
+noise itself is coherent; chosen by hand."""
+CLEAR, FEWEST_CLEAR, OSCILLATING = 0.5, 50, -0.35
+"""Autocorrelation at one frame of pixels that show more than noise, how many are needed, and the
+lowest later one of what oscillates: between turbulence (0) and branches (-0.5); by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fluctuation:
-    """What lasts from frame to frame.
+    """What is coherent from frame to frame.
 
     Attributes:
         covariance_px2: (H, W) of the displacement with that in the next frame, both components.
@@ -71,7 +83,7 @@ class Fluctuation:
 
     @property
     def is_everywhere(self) -> bool:
-        """Whether even calm pixels show it, as in compressed video, where noise lasts as well."""
+        """Whether even calm pixels are coherent, as in compressed video, whose noise is."""
         low = np.quantile(self.shuffled_sigmas, LOW_SHARE)
         return bool(low < 0 and (self.sigmas < low).mean() < CALM_SHARE * LOW_SHARE)
 
@@ -80,7 +92,7 @@ class Fluctuation:
         clear = where & (self.next_autocorrelation > CLEAR)
         if clear.sum() < FEWEST_CLEAR:
             return False
-        return bool(np.median(self.lowest_autocorrelation[clear]) < SPRINGING)
+        return bool(np.median(self.lowest_autocorrelation[clear]) < OSCILLATING)
 
 
 def shifts_px(images: Sequence[GreyImage]) -> FloatMap:
@@ -90,7 +102,7 @@ def shifts_px(images: Sequence[GreyImage]) -> FloatMap:
     that light may change; shifts of the whole image are taken out. Patterns finer than the window
     of `WINDOW_PX` are lessened.
     """
-    tones = [_tone(image) for image in images]
+    tones = [_relative_tone(image) for image in images]
     usual = np.mean([tone.std() for tone in tones])
     tones = [tone * (usual / max(float(tone.std()), 1e-6)) for tone in tones]
     mean = np.mean(tones, axis=0)
@@ -108,9 +120,9 @@ def autocovariance(shifts: FloatMap, lag: int) -> FloatMap:
     return blur(products.astype(np.float32), POOL_PX)
 
 
-def _tone(image: GreyImage) -> FloatMap:
+def _relative_tone(image: GreyImage) -> FloatMap:
     tone = blur(np.log(image + np.float32(DARKEST)), PRESMOOTHING_PX)
-    return np.asarray(GREY_LEVELS * (tone - blur(tone, LIT_ALIKE_PX)))
+    return np.asarray(GREY_LEVELS * (tone - blur(tone, SHADING_PX)))
 
 
 def longest_run(times_s: FloatArray, most_s: float) -> slice:

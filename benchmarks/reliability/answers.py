@@ -88,7 +88,7 @@ def strongest(views: Views, null: NullLevel, true: Place) -> Stated:
     columns = fit_columns(partial(column_evidence, views), starts, views.unit, rng)
     if not len(columns):
         return NOTHING
-    nats = float(column_evidence(views, columns[0].alone)[0])
+    nats = float(column_evidence(views, columns[0].as_columns)[0])
     return Stated(nats=nats, probability=1 - null.false_alarm(nats), off=true.off(columns[0]))
 
 

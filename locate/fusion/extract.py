@@ -70,7 +70,9 @@ def suppress_overlaps(
     """
     masked, above = views, []
     for column in columns:
-        _, nats = random_search(partial(column_evidence, masked), column.alone, views.unit, rng)
+        _, nats = random_search(
+            partial(column_evidence, masked), column.as_columns, views.unit, rng
+        )
         if nats[0] >= level:
             above.append(column)
             masked = mask_out(masked, column)
@@ -88,7 +90,7 @@ def _steals_evidence(views: Views, column: PlumeColumn, others: Sequence[PlumeCo
 
 
 def _nats_of(views: Views, column: PlumeColumn) -> float:
-    return float(column_evidence(views, column.alone)[0])
+    return float(column_evidence(views, column.as_columns)[0])
 
 
 def split_pair(

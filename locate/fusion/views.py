@@ -68,11 +68,11 @@ class Views:
         factor = min(1.0, FUSION_WIDTH_PX / trajectory.camera.width)
         camera = trajectory.camera.scaled(factor)
 
-        def shrink(image: FloatMap) -> FloatMap:
+        def shrink_map(image: FloatMap) -> FloatMap:
             size = (camera.width, camera.height)
             return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
-        llr = np.stack([shrink(d.llr) for d in detections])
+        llr = np.stack([shrink_map(d.llr) for d in detections])
         unknown = np.full(detections[0].llr.shape, np.nan, np.float32)
         depth = [unknown if d.inverse_depth is None else d.inverse_depth for d in detections]
         return cls(
@@ -81,7 +81,7 @@ class Views:
             inverse_depth=np.stack(
                 [_shrink_nearest(d, camera.width, camera.height) for d in depth]
             ),
-            displacement=np.stack([shrink(d.displacement) for d in detections]),
+            displacement=np.stack([shrink_map(d.displacement) for d in detections]),
             sigma_px=np.stack(
                 [_shrink_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
             ),
@@ -97,10 +97,10 @@ class Views:
         What the views agreed on is gone, what each of them holds alone is kept.
         """
 
-        def roll(maps: FloatMap) -> FloatMap:
+        def roll_maps(maps: FloatMap) -> FloatMap:
             return np.stack([np.roll(m, s, axis=1) for m, s in zip(maps, shifts_px, strict=True)])
 
-        rolled = replace(self, llr=roll(self.llr), inverse_depth=roll(self.inverse_depth))
+        rolled = replace(self, llr=roll_maps(self.llr), inverse_depth=roll_maps(self.inverse_depth))
         vars(rolled)["unit"] = self.unit
         return rolled
 
@@ -124,18 +124,18 @@ class Views:
         return np.asarray(np.sqrt(length**2 - np.minimum(self.sigma_px, length) ** 2))
 
     @cached_property
-    def measured(self) -> FloatMap:
+    def measured_mask(self) -> FloatMap:
         """(V, H, W) 1 where there is a displacement and evidence for or against it, else 0."""
         return np.asarray((self.llr != 0) & np.isfinite(self.sigma_px), dtype=np.float32)
 
     @cached_property
-    def precision(self) -> FloatMap:
+    def displacement_precision(self) -> FloatMap:
         """(V, H, W) of a component of the displacement against turbulence and noise, 1 / px^2.
 
         0 where there is no evidence.
         """
         variance = self.sigma_px**2 + np.float32(TURBULENCE_PX**2)
-        return np.asarray(self.measured / variance)
+        return np.asarray(self.measured_mask / variance)
 
     @cached_property
     def lowest_background(self) -> float:

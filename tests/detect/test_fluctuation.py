@@ -26,13 +26,13 @@ def test_its_covariance_is_that_of_the_true_displacement_but_for_the_window() ->
     assert measured == pytest.approx(true * window, rel=0.2)
 
 
-def test_noise_alone_says_nothing() -> None:
+def test_noise_alone_is_not_coherent() -> None:
     found = Fluctuation.measure(frames(0.0), np.random.default_rng(0))
     assert not found.is_everywhere
     assert found.sigmas.max() < 1.5 * found.shuffled_sigmas.max()
 
 
-def test_a_picture_that_never_changes_says_nothing() -> None:
+def test_a_picture_that_never_changes_is_not_coherent() -> None:
     found = Fluctuation.measure(frames(0.0, count=1) * 30, np.random.default_rng(0))
     assert not found.is_everywhere
     assert np.abs(found.sigmas).max() < 0.01
@@ -60,7 +60,7 @@ def test_the_longest_run_is_taken() -> None:
     assert longest_run(np.arange(5.0), 0.12) == slice(0, 1)
 
 
-def test_what_swings_in_place_springs_back_and_what_travels_by_does_not() -> None:
+def test_what_swings_in_place_oscillates_and_what_travels_by_does_not() -> None:
     inside, far = plume(), np.zeros_like(plume())
     far[:, :60] = True
     swings = Fluctuation.measure(frames(0.3, springs=True), np.random.default_rng(0))

@@ -57,12 +57,12 @@ def test_noise_in_time_gives_no_direction() -> None:
     assert in_time(frames(0.0)) == StillCameraResult(bearings=(), notes=())
 
 
-def test_where_time_tells_nothing_the_reason_is_given() -> None:
+def test_a_note_states_why_time_shows_nothing() -> None:
     assert in_time(frames(0.15, count=12)).notes == (TOO_SLOW,)
     assert in_time(frames(0.15, held=4)) == StillCameraResult(bearings=(), notes=(EVERYWHERE,))
 
 
-def test_what_springs_back_is_left_out_and_said() -> None:
+def test_what_oscillates_is_left_out_with_a_note() -> None:
     found = in_time(frames(0.3, springs=True))
     assert found.bearings == ()
     assert found.notes[0].startswith("One place moves to and fro")

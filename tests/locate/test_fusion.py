@@ -88,7 +88,10 @@ def test_evidence_of_a_plume_is_used_once(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     column = as_column(truth)
     left = mask_out(views, column)
-    assert score_columns(left, column.alone).sum() < 0.1 * score_columns(views, column.alone).sum()
+    assert (
+        score_columns(left, column.as_columns).sum()
+        < 0.1 * score_columns(views, column.as_columns).sum()
+    )
     assert (views.llr > 0).any()
 
 
@@ -121,7 +124,7 @@ def test_a_column_over_two_plumes_is_split(truth: ColumnTruth) -> None:
     parts = split_column(both, between(truth, beside), np.random.default_rng(0))
     assert len(parts) == 2
     for plume in (truth, beside):
-        own = as_column(plume).alone
+        own = as_column(plume).as_columns
         apart = [np.linalg.norm((part.lowest_point - plume.source)[:2]) for part, _ in parts]
         assert min(apart) < 1 / 3
         left = parts[int(np.argmin(apart))][1]
@@ -135,7 +138,7 @@ def test_a_column_over_one_plume_is_not_split(truth: ColumnTruth, radius: float)
     assert not split_column(views, as_column(wide), np.random.default_rng(0))
 
 
-def test_plumes_that_no_view_sees_apart_are_not_told_apart(truth: ColumnTruth) -> None:
+def test_plumes_that_no_view_separates_are_not_split(truth: ColumnTruth) -> None:
     both, beside = beside_each_other(truth, np.array([0, 1.0, 0]), 10)
     assert not split_column(both, between(truth, beside), np.random.default_rng(0))
 
@@ -145,7 +148,7 @@ def test_where_the_displacement_turns_much_less_is_no_second_plume(truth: Column
     assert not split_column(both, between(truth, beside), np.random.default_rng(0))
 
 
-def test_a_gap_speaks_against_a_column_over_two_plumes(truth: ColumnTruth) -> None:
+def test_a_gap_lowers_the_contrast_of_a_column_over_two_plumes(truth: ColumnTruth) -> None:
     beside = replace(truth, source=truth.source + np.array([1.6, 0, 0]))
     first, second = (
         make_faulty_views(plume, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
@@ -252,7 +255,7 @@ def test_a_plume_is_no_surer_than_plumes_like_it_were_true() -> None:
     assert cap_probability(weak, DetectorChoice.parse("registered-plain"), 16) is weak
 
 
-def test_a_hidden_source_is_said_with_its_interval() -> None:
+def test_a_hidden_source_is_noted_with_its_interval() -> None:
     plume = Plume(
         id=2, source=np.zeros(3), source_covariance=np.diag([0.01, 0.01, 0.25]),
         axis=np.array([0, 0, 1.0]), axis_sigma_rad=0.1, extent_low=0.4, extent_high=3.0,
@@ -265,7 +268,7 @@ def test_a_hidden_source_is_said_with_its_interval() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_answer_does_not_hang_on_the_scale_of_the_evidence(
+def test_answer_does_not_depend_on_the_scale_of_the_evidence(
     truth: ColumnTruth, factor: float
 ) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(5))
@@ -311,7 +314,7 @@ def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: ColumnTruth) 
     np.testing.assert_allclose(wider - covariance, np.diag([0.01, 0, 0]), atol=1e-9)
 
 
-def test_a_search_that_strayed_is_left_out(truth: ColumnTruth) -> None:
+def test_an_outlying_search_is_left_out(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     refined = refine_axis(views, as_column(truth))
     assert refined is not None
@@ -326,7 +329,7 @@ def test_a_search_that_strayed_is_left_out(truth: ColumnTruth) -> None:
     assert mark_consistent([axis]).all()
 
 
-def test_the_source_hardly_hangs_on_the_seed_of_the_search(truth: ColumnTruth) -> None:
+def test_the_source_hardly_depends_on_the_seed_of_the_search(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1))
     null = NullLevel(strongest=np.zeros(2), location=10.0, scale=1.0)
     plumes = [fuse(views, seed=seed, null=null).plumes[0] for seed in range(4)]
@@ -373,7 +376,9 @@ def test_stated_covariance_is_honest_for_calm_and_for_swaying_plumes(
     assert 0.4 < np.mean(nees) < 1.8
 
 
-def test_sway_is_told_from_calm(seen: tuple[PlumeColumn, AxisSightings, Views]) -> None:
+def test_a_swaying_plume_has_a_higher_rate_than_a_calm_one(
+    seen: tuple[PlumeColumn, AxisSightings, Views],
+) -> None:
     _, sightings, views = seen
     prior = (np.zeros(4), np.diag([1e-4, 1e-4, 25, 25]))
     still = np.zeros((len(sightings), len(sightings)))
@@ -396,7 +401,7 @@ def test_sway_is_told_from_calm(seen: tuple[PlumeColumn, AxisSightings, Views]) 
     assert 0.06 < swaying < 0.16
 
 
-def test_a_wild_sighting_loses_its_say(seen: tuple[PlumeColumn, AxisSightings, Views]) -> None:
+def test_an_outlying_sighting_loses_weight(seen: tuple[PlumeColumn, AxisSightings, Views]) -> None:
     _, sightings, views = seen
     offsets = offsets_of(sightings, 0.005, np.random.default_rng(2))
     offsets[5] += 25
@@ -406,7 +411,7 @@ def test_a_wild_sighting_loses_its_say(seen: tuple[PlumeColumn, AxisSightings, V
     assert sway.sigma_px[5] > 4 * np.median(sway.sigma_px)
 
 
-def test_views_of_one_instant_are_views_still(
+def test_views_of_one_instant_give_an_axis(
     seen: tuple[PlumeColumn, AxisSightings, Views],
 ) -> None:
     column, sightings, views = seen
@@ -426,7 +431,7 @@ def test_views_of_one_instant_are_views_still(
     np.testing.assert_allclose(frozen.line[:2], column.line[:2], atol=0.1)
 
 
-def test_sightings_know_how_shifts_and_poses_move_them(
+def test_sightings_have_the_derivatives_by_shifts_and_poses(
     seen: tuple[PlumeColumn, AxisSightings, Views],
 ) -> None:
     column, sightings, views = seen
@@ -449,7 +454,7 @@ def test_sightings_know_how_shifts_and_poses_move_them(
         assert sightings.by_pose[row, k] == pytest.approx(slope, abs=15)
 
 
-def test_silence_is_not_sighted(truth: ColumnTruth) -> None:
+def test_a_section_without_evidence_gives_no_sighting(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     column = as_column(truth)
     silent = views.llr.copy()

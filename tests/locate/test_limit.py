@@ -46,7 +46,7 @@ def test_limit_is_by_what_the_detector_sees(views) -> None:
         assert limit_px == AMPLITUDES_PX[0.1 * ratio <= AMPLITUDES_PX][0]
 
 
-def test_a_response_leaves_the_silent_silent(views) -> None:
+def test_a_response_leaves_pixels_without_evidence_as_they_are(views) -> None:
     llr = views.llr.copy()
     llr[:, :10] = 0
     sigma_px = np.full_like(llr, 0.1)

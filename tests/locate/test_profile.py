@@ -22,7 +22,7 @@ def views() -> Views:
     return make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(1), NO_FAULTS)
 
 
-def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: PlumeColumn) -> None:
+def test_light_bent_towards_the_axis_is_measured_as_well(views: Views, column: PlumeColumn) -> None:
     warm = sight_axis(views, column)
     dense = sight_axis(replace(views, displacement=-views.displacement), column)
     assert set(warm.bending_sign) == {1}
@@ -31,7 +31,7 @@ def test_light_bent_towards_the_axis_tells_as_much(views: Views, column: PlumeCo
     np.testing.assert_allclose(warm.sigma_px, dense.sigma_px)
 
 
-def test_which_way_light_is_bent_is_told_where_views_agree(
+def test_which_way_light_is_bent_is_stated_where_views_agree(
     views: Views, column: PlumeColumn
 ) -> None:
     dense = -views.displacement
@@ -66,16 +66,16 @@ def test_noise_that_nobody_stated_makes_sightings_less_sure(
     assert unsure > 2 * calm
 
 
-def test_a_view_that_knows_better_is_believed(views: Views, column: PlumeColumn) -> None:
+def test_a_known_bending_sign_is_used(views: Views, column: PlumeColumn) -> None:
     turned = replace(views, displacement=-views.displacement)
     alone = sight_axis(turned, column, bending_sign=1)
     known = sight_axis(turned, column, bending_sign=-1)
     assert np.abs(known.offset_px).mean() < 0.5 * np.abs(alone.offset_px).mean()
 
 
-def test_views_that_say_otherwise_know_their_precision_anew(views: Views) -> None:
-    unit, known = views.unit, views.precision
+def test_views_with_other_evidence_have_their_own_precision(views: Views) -> None:
+    unit, known = views.unit, views.displacement_precision
     silent = views.with_evidence(0 * views.llr)
     assert silent.unit == unit
     assert known.any()
-    assert not silent.precision.any()
+    assert not silent.displacement_precision.any()

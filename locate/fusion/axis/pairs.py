@@ -88,7 +88,7 @@ def _reversal_views(views: Views, column: PlumeColumn) -> Views:
         depth = float(views.trajectory.world_to_cam(i, middle)[0, 2])
         depth = max(depth, NEAREST_DEPTH_UNITS * views.unit)
         radius_px = max(1.0, views.trajectory.camera.focal_px * RADIUS_UNITS * views.unit / depth)
-        sigmas[i] = _reversal_sigmas(displacement, views.precision[i], radius_px)
+        sigmas[i] = _reversal_sigmas(displacement, views.displacement_precision[i], radius_px)
     away = np.sign((sigmas[supporting_pixels(views, column)] ** 3).sum())
     reversal = np.clip(away * sigmas, -MOST_SIGMAS, MOST_SIGMAS)
     reversal = np.where(views.llr > 0, reversal, np.minimum(reversal, 0))
@@ -101,13 +101,13 @@ def _reversal_sigmas(displacement: FloatMap, precision: FloatMap, radius_px: flo
     away = np.arange(-reach, reach + 1, dtype=np.float32) / np.float32(radius_px)
     near = np.exp(-(away**2) / 2)
 
-    def summed(image: FloatMap, across: FloatMap, along: FloatMap) -> FloatMap:
+    def sum_around(image: FloatMap, across: FloatMap, along: FloatMap) -> FloatMap:
         return np.asarray(cv2.sepFilter2D(image, -1, across, along, borderType=cv2.BORDER_CONSTANT))
 
     x, y = (precision * displacement[..., k] for k in (0, 1))
-    turn = summed(x, away * near, near) + summed(y, near, away * near)
-    weight = summed(precision, (away * near) ** 2, near**2)
-    weight += summed(precision, near**2, (away * near) ** 2)
+    turn = sum_around(x, away * near, near) + sum_around(y, near, away * near)
+    weight = sum_around(precision, (away * near) ** 2, near**2)
+    weight += sum_around(precision, near**2, (away * near) ** 2)
     return np.asarray(turn / np.sqrt(np.maximum(weight, LEAST_WEIGHT)))
 
 
@@ -168,7 +168,7 @@ def _fit_pair(
 def _fit_column(
     objective: Objective, column: PlumeColumn, unit: float, rng: np.random.Generator
 ) -> PlumeColumn:
-    columns, _ = random_search(objective, column.alone, unit, rng)
+    columns, _ = random_search(objective, column.as_columns, unit, rng)
     return columns[0]
 
 
@@ -187,5 +187,5 @@ def _mask_axis(reversals: Views, other: PlumeColumn) -> Views:
 
 def _pair_reversal(reversals: Views, first: PlumeColumn, second: PlumeColumn) -> float:
     """What turns at two axes; where both cover the same it counts once."""
-    rest = _axis_reversal(_mask_axis(reversals, first), second.alone)
-    return float(_axis_reversal(reversals, first.alone)[0] + rest[0])
+    rest = _axis_reversal(_mask_axis(reversals, first), second.as_columns)
+    return float(_axis_reversal(reversals, first.as_columns)[0] + rest[0])

@@ -56,7 +56,7 @@ LEAST_RADIUS_PX = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Profile:
+class AxisProfile:
     """One section of a column in one view, at C places of the axis across it.
 
     Attributes:
@@ -106,7 +106,7 @@ class Profile:
 
 def measure_profile(
     views: Views, core: FloatMap, i: int, column: PlumeColumn, heights: FloatArray
-) -> Profile | None:
+) -> AxisProfile | None:
     """A section of a column; None where it is too close to the camera.
 
     Args:
@@ -133,13 +133,13 @@ def measure_profile(
     )
     gate = lever_gate(depth[:, None].astype(np.float32), np.asarray(background, np.float32))
     llr = cv2.remap(core[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
-    measured = cv2.remap(views.measured[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
+    measured = cv2.remap(views.measured_mask[i], x, y, cv2.INTER_LINEAR, borderValue=0) * gate
     displacement = cv2.remap(views.displacement[i], x, y, cv2.INTER_LINEAR, borderValue=0) @ normal
     length_px = float(np.linalg.norm(pixel[-1] - pixel[0])) * len(heights) / (len(heights) - 1)
     radius_px = float(radii_px.mean())
     samples_each = length_px * radius_px * (REACH[1] - REACH[0]) / REVERSAL_SAMPLE_PX2
     outline = np.correlate(llr.mean(axis=0), OUTLINE, mode="same")
-    return Profile(
+    return AxisProfile(
         height=float(heights.mean()),
         offsets_px=PLACES * radius_px,
         outline=outline[SEARCHED],

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
-from locate.fusion.axis.profile import Profile, measure_profile
+from locate.fusion.axis.profile import AxisProfile, measure_profile
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.search.score import score_columns, supporting_pixels
 from locate.fusion.views import Views
@@ -52,7 +52,7 @@ class AxisSightings:
 
 
 def sight_axis(views: Views, column: PlumeColumn, bending_sign: int = 0) -> AxisSightings:
-    """Finds the axis across each section of the column in each view; see `Profile`.
+    """Finds the axis across each section of the column in each view; see `AxisProfile`.
 
     A section without evidence for a plume gives no sighting.
 
@@ -97,13 +97,13 @@ def find_bending_sign(views: Views, column: PlumeColumn) -> int:
     return 0
 
 
-def _measure_profiles(views: Views, column: PlumeColumn) -> list[tuple[int, Profile]]:
+def _measure_profiles(views: Views, column: PlumeColumn) -> list[tuple[int, AxisProfile]]:
     """Every section of the column in each view that saw it, with the row of the view."""
     core = _core_evidence(views, column)
     middles = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
     low, high = np.array(SECTIONS[:-1])[:, None], np.array(SECTIONS[1:])[:, None]
     sections = column.height * (low + (high - low) * middles)
-    saw = np.flatnonzero(score_columns(views, column.alone)[:, 0] > VIEW_SAW_NATS)
+    saw = np.flatnonzero(score_columns(views, column.as_columns)[:, 0] > VIEW_SAW_NATS)
     profiles = [
         (int(i), measure_profile(views, core, int(i), column, heights))
         for i in saw

@@ -139,7 +139,7 @@ def estimate_sway(
         for t, growth in {(e.persistence_s, e.growth) for e in grid}
     }
 
-    def common(e: SwayHypothesis) -> FloatArray:
+    def common_covariance(e: SwayHypothesis) -> FloatArray:
         sway = e.rate**2 * shapes[e.persistence_s, e.growth]
         return np.asarray(sway + e.inflation**2 * e.shared_part * alike + bend)
 
@@ -148,7 +148,9 @@ def estimate_sway(
     for turn in range(ROBUST_TURNS):
         fits = [
             _AxisFit(
-                sightings, common(e) + poses_px2 + np.diag(e.own_variance * stated / weight), prior
+                sightings,
+                common_covariance(e) + poses_px2 + np.diag(e.own_variance * stated / weight),
+                prior,
             )
             for e in grid
         ]
@@ -164,7 +166,9 @@ def estimate_sway(
     inflation2 = float(share @ [e.inflation**2 for e in grid])
     own = float(share @ [e.own_variance for e in grid])
     return Sway(
-        covariance_px2=sum((p * common(e) for p, e in zip(share, grid, strict=True)), 0 * alike),
+        covariance_px2=sum(
+            (p * common_covariance(e) for p, e in zip(share, grid, strict=True)), 0 * alike
+        ),
         sigma_px=np.sqrt(own * stated / weight),
         inflation=float(np.sqrt(inflation2)),
         shared_part=1 - own / inflation2,

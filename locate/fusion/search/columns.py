@@ -78,16 +78,16 @@ class PlumeColumn:
         return np.asarray(self.lowest_point[:2] + self.slope * self.height / 2)
 
     @property
-    def alone(self) -> "Columns":
+    def as_columns(self) -> "Columns":
         """The one row that it is."""
         return Columns(self.array[None])
 
     def axis_points(self, heights: FloatArray) -> FloatArray:
         """(S, 3) points of the axis at (S,) heights above the lowest point."""
-        points: FloatArray = self.alone.axis_points(heights[None])[0]
+        points: FloatArray = self.as_columns.axis_points(heights[None])[0]
         return points
 
-    def slabs(self, heights: FloatArray, thickness: float) -> "Columns":
+    def cut_slabs(self, heights: FloatArray, thickness: float) -> "Columns":
         """S columns cut from it, each `thickness` high, centred on the (S,) heights.
 
         Heights below the lowest point continue its axis with the radius it has there.
@@ -125,7 +125,7 @@ class PlumeColumn:
 
     def with_even_radius(self, radius: float) -> Self:
         """The same with this radius at every height."""
-        return type(self)(self.alone.with_even_radius(radius).array[0])
+        return type(self)(self.as_columns.with_even_radius(radius).array[0])
 
     def midway_to(self, other: "PlumeColumn") -> Self:
         """The mean of the two."""

@@ -27,7 +27,7 @@ FEWEST_VIEWS = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Proposals:
+class ColumnProposals:
     """Columns found in a grid, best first.
 
     Attributes:
@@ -56,7 +56,9 @@ def best_interval(evidence: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
     return best, first, last
 
 
-def propose_columns(views: Views, box: VoxelBox, *, most: int) -> tuple[Proposals, EvidenceGrid]:
+def propose_columns(
+    views: Views, box: VoxelBox, *, most: int
+) -> tuple[ColumnProposals, EvidenceGrid]:
     """The `most` strongest, well separated columns of the summed evidence."""
     unit = views.unit
     grid = sum_evidence(box, views.trajectory, views.llr, views.inverse_depth)
@@ -75,7 +77,7 @@ def propose_columns(views: Views, box: VoxelBox, *, most: int) -> tuple[Proposal
             strength.append(value)
         if len(columns) == most:
             break
-    return Proposals(columns=Columns.of(columns), strength=np.array(strength)), grid
+    return ColumnProposals(columns=Columns.of(columns), strength=np.array(strength)), grid
 
 
 def _shear_grid(

@@ -58,7 +58,7 @@ def sum_over_outlines(
     nats, samples = np.empty((2, len(views), len(columns)))
     if not len(columns):
         return nats, samples
-    outlines = _Outlines.of(columns, along)
+    outlines = _ColumnOutlines.of_columns(columns, along)
     across_axis = np.linspace(-1, 1, across, dtype=np.float32)
     at_once = max(1, SAMPLES_AT_ONCE // (len(columns) * along * across))
     for start in range(0, len(views), at_once):
@@ -67,7 +67,7 @@ def sum_over_outlines(
     return nats, samples
 
 
-class _Outlines(NamedTuple):
+class _ColumnOutlines(NamedTuple):
     """N columns at S heights.
 
     Attributes:
@@ -83,7 +83,7 @@ class _Outlines(NamedTuple):
     slab: FloatArray
 
     @classmethod
-    def of(cls, columns: Columns, along: int) -> Self:
+    def of_columns(cls, columns: Columns, along: int) -> Self:
         heights = columns.heights * (np.arange(along)[:, None] + 0.5) / along
         axes = np.stack([*columns.slopes.T, np.ones(len(columns))])
         lengths = np.linalg.norm(axes, axis=0)
@@ -96,7 +96,7 @@ class _Outlines(NamedTuple):
 
 
 def _sum_in_views(
-    views: Views, rows: slice, outlines: _Outlines, across_axis: FloatMap
+    views: Views, rows: slice, outlines: _ColumnOutlines, across_axis: FloatMap
 ) -> tuple[FloatArray, FloatArray]:
     """As `sum_over_outlines`, of some views.
 

@@ -63,7 +63,7 @@ class PlumeBase:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contact:
+class SurfaceContact:
     """Where the axis meets a surface, or is covered.
 
     Attributes:
@@ -83,7 +83,7 @@ def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
     """The posterior mean and sigma of the source's height, given the evidence along the axis."""
     step = STEP_UNITS * views.unit
     heights = np.arange(-REACH_BELOW_UNITS * views.unit, column.height + views.unit, step)
-    evidence = score_columns(views, column.slabs(heights, step), along=1).sum(axis=0)
+    evidence = score_columns(views, column.cut_slabs(heights, step), along=1).sum(axis=0)
     low, high = _evidence_interval(heights, evidence)
     contact = find_contact(views, column, heights[heights <= (low + high) / 2], step)
     inside = (heights >= contact.height) & (heights <= (low + high) / 2)
@@ -116,7 +116,9 @@ def _evidence_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float
     return float(heights[first]), float(heights[last])
 
 
-def find_contact(views: Views, column: PlumeColumn, heights: FloatArray, step: float) -> Contact:
+def find_contact(
+    views: Views, column: PlumeColumn, heights: FloatArray, step: float
+) -> SurfaceContact:
     """Where the axis, followed downwards, meets a surface, or the lowest height where it may.
 
     A view in which the lever falls to nearly zero sees the axis touch the surface, where a
@@ -151,13 +153,13 @@ def find_contact(views: Views, column: PlumeColumn, heights: FloatArray, step: f
         contacts = [contact for contact in contacts if contact < past_the_cover]
     if len(contacts) < FEWEST_CONTACTS:
         lowest = max(heights[0], min(views.lowest_background - column.lowest_z, heights[-1]))
-        return Contact(height=float(lowest), sigma=step, found=False, hidden=hidden)
+        return SurfaceContact(height=float(lowest), sigma=step, found=False, hidden=hidden)
     crossings = np.array(contacts)
     height = float(np.median(crossings))
     spread = float(MAD_TO_SIGMA * np.median(np.abs(crossings - height)))
     independent = len(crossings) * INDEPENDENT_VIEWS
     sigma = MEDIAN_SPREAD * np.hypot(spread, step / np.sqrt(12)) / np.sqrt(independent)
-    return Contact(height=height, sigma=float(sigma), found=True, hidden=hidden)
+    return SurfaceContact(height=height, sigma=float(sigma), found=True, hidden=hidden)
 
 
 def _edge_lever(levers: FloatArray, j: int) -> float:

@@ -107,7 +107,7 @@ def measure_plume(
     heights = np.linspace(base.evidence_low, base.evidence_high, RADIUS_SAMPLES)
     radii = column.radius + column.opening * np.clip(heights, 0, None)
     distances = (heights - (source[2] - axis.lowest)) * np.linalg.norm(axis.rise)
-    saw = score_columns(views, column.alone)[:, 0] > VIEW_SAW_NATS
+    saw = score_columns(views, column.as_columns)[:, 0] > VIEW_SAW_NATS
     return Plume(
         id=0,
         source=source,
@@ -117,7 +117,7 @@ def measure_plume(
         extent_low=float(distances[0]),
         extent_high=float(distances[-1]),
         radius_by_height=np.column_stack([distances, radii]),
-        evidence_nats=float(column_evidence(views, column.alone)[0]),
+        evidence_nats=float(column_evidence(views, column.as_columns)[0]),
         probability=1 - false_alarm,
         views=tuple(int(index) for index in views.trajectory.indices[saw]),
         displacement_px=_mean_displacement_px(views, column, np.flatnonzero(saw)),

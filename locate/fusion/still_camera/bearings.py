@@ -14,7 +14,7 @@ from detect.detection import Detection
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
 from locate.fusion.search.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
-from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected_parts
+from locate.fusion.still_camera.regions import FALSE_ALARM, ImageRegion, connected_parts
 from locate.fusion.still_camera.temporal_coherence import find_coherent_regions
 from locate.fusion.views import FUSION_WIDTH_PX, correlation_area
 from locate.map.plume import Bearing
@@ -63,7 +63,7 @@ def find_bearings(
 
 def _find_in_frames(
     detections: Sequence[Detection], camera: Camera, rng: np.random.Generator
-) -> list[Region]:
+) -> list[ImageRegion]:
     """Regions of positive mean evidence."""
     size = (camera.width, camera.height)
     llr = np.stack([cv2.resize(d.llr, size, interpolation=cv2.INTER_AREA) for d in detections])
@@ -78,7 +78,7 @@ def _find_in_frames(
         wide = cv2.resize(mask.astype(np.uint8), detections[0].llr.shape[::-1]) > 0
         sizes = [np.linalg.norm(d.displacement[wide], axis=-1).mean() for d in detections]
         found.append(
-            Region(
+            ImageRegion(
                 mask=mask,
                 nats=nats,
                 false_alarm=null.false_alarm(nats),
@@ -105,7 +105,7 @@ def _evident_regions(llr: FloatMap, samples: float) -> list[tuple[BoolArray, flo
     ]
 
 
-def _to_bearing(region: Region, camera: Camera) -> Bearing:
+def _to_bearing(region: ImageRegion, camera: Camera) -> Bearing:
     rows, columns = np.nonzero(region.mask)
     low = rows >= np.quantile(rows, 1 - BASE_SHARE)
     base: FloatArray = np.array([columns[low].mean(), rows[low].max()])

@@ -11,7 +11,7 @@ FALSE_ALARM = 0.01
 """Probability that an image without plumes yields a region; the promise of the map, by hand."""
 
 
-class Region(NamedTuple):
+class ImageRegion(NamedTuple):
     """Pixels that belong together, their evidence, and how often chance alone makes as much.
 
     Attributes:

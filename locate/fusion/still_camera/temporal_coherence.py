@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from detect.fluctuation import Fluctuation
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 from locate.fusion.search.null import NullLevel
-from locate.fusion.still_camera.regions import FALSE_ALARM, Region, connected_parts
+from locate.fusion.still_camera.regions import FALSE_ALARM, ImageRegion, connected_parts
 from locate.fusion.views import correlation_area
 
 COHERENT_SIGMAS, EVIDENT_SIGMAS = 2.0, 3.5
@@ -44,7 +44,7 @@ class CoherentRegions(NamedTuple):
         notes: What limits this.
     """
 
-    regions: list[Region]
+    regions: list[ImageRegion]
     oscillating: BoolArray
     notes: tuple[str, ...]
 
@@ -81,7 +81,7 @@ def find_coherent_regions(
             continue
         inside = mask & unblurred
         regions.append(
-            Region(
+            ImageRegion(
                 mask=inside,
                 nats=nats,
                 false_alarm=null.false_alarm(nats),
@@ -111,7 +111,7 @@ def _evident_regions(sigmas: FloatMap, samples: float) -> list[tuple[BoolArray, 
     What is less than `GAP_PX` apart is one: a plume shows only before a textured background.
     """
     coherent = sigmas > COHERENT_SIGMAS
-    joined = cv2.morphologyEx(coherent.astype(np.uint8), cv2.MORPH_CLOSE, _disc(GAP_PX)) > 0
+    joined = cv2.morphologyEx(coherent.astype(np.uint8), cv2.MORPH_CLOSE, _disc_kernel(GAP_PX)) > 0
     return [
         (mask, float((sigmas[mask] ** 2).sum()) / 2 / samples)
         for mask in (whole & coherent for whole in connected_parts(joined))
@@ -121,9 +121,9 @@ def _evident_regions(sigmas: FloatMap, samples: float) -> list[tuple[BoolArray, 
 
 def _unblurred_pixels(sigmas: FloatMap) -> BoolArray:
     """(H, W) where pooled sigmas are above half of those around: what was pooled ends there."""
-    return np.asarray(sigmas > cv2.dilate(sigmas, _disc(BLURRED_PX)) / 2)
+    return np.asarray(sigmas > cv2.dilate(sigmas, _disc_kernel(BLURRED_PX)) / 2)
 
 
-def _disc(width_px: int) -> NDArray[np.uint8]:
+def _disc_kernel(width_px: int) -> NDArray[np.uint8]:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width_px, width_px))
     return np.asarray(disc, np.uint8)
