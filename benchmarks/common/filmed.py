@@ -12,9 +12,9 @@ from detect.registered.registration import Measurement
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory
-from locate.simulation.camera_paths import fly
-from locate.simulation.capture import Take, film
-from locate.simulation.clips import disturbed
+from locate.simulation.camera_paths import simulate_trajectory
+from locate.simulation.capture import CaptureSetup, render_frames
+from locate.simulation.clips import perturb_poses
 from locate.simulation.scene import Scene
 from locate.simulation.writer import LARGEST_HALF
 
@@ -24,11 +24,11 @@ STILL_PX, PLUME_SHARE = 0.01, 0.3
 FOUND_SHARE = 0.15
 
 
-def record(take: Take, count: int, path: Path) -> None:
+def record(capture: CaptureSetup, count: int, path: Path) -> None:
     """Renders a take and writes `count` key frames, what was measured of them, and the truth."""
-    footage = film(take)
-    told = disturbed(footage.trajectory, take.scene.random(13), POSE_ERROR_DEG)
-    frames = Frames(images=footage.images, trajectory=told)
+    rendered = render_frames(capture)
+    told = perturb_poses(rendered.trajectory, capture.scene.random_stream(13), POSE_ERROR_DEG)
+    frames = Frames(images=rendered.images, trajectory=told)
     keys = np.linspace(ENDS, len(frames) - 1 - ENDS, count).round().astype(int)
     detector = RegisteredDetector()
     measured = [(key, detector.measure(frames, int(key))) for key in keys]
@@ -37,12 +37,12 @@ def record(take: Take, count: int, path: Path) -> None:
         name: np.stack([getattr(m, name) for _, m, _ in known]).clip(-LARGEST_HALF, LARGEST_HALF)
         for name in Measurement.__dataclass_fields__
     }
-    truths = [footage.truths[key] for key, _, _ in known]
+    truths = [rendered.truths[key] for key, _, _ in known]
     save_arrays(
         path,
         keys=np.array([key for key, _, _ in known]),
         inverse_depth_units=np.array([unit for _, _, unit in known]),
-        images=np.stack([footage.images[key] for key, _, _ in known]),
+        images=np.stack([rendered.images[key] for key, _, _ in known]),
         truth=np.stack([t.displacement for t in truths]).astype(np.float16),
         surface=np.stack([np.isfinite(t.depth) for t in truths]),
         **{name: map_.astype(np.float16) for name, map_ in arrays.items()},
@@ -62,14 +62,14 @@ class Recorded:
     scene: Scene
 
     @classmethod
-    def load(cls, path: Path, take: Take) -> "Recorded":
+    def load(cls, path: Path, capture: CaptureSetup) -> "Recorded":
         with open_arrays(path, "a filmed sequence") as file:
             maps = {n: file[n].astype(np.float32) for n in Measurement.__dataclass_fields__}
             count = len(file["keys"])
-            block = take.scene.camera
-            focal_px = block.focal_px * take.focal_factor
+            block = capture.scene.camera
+            focal_px = block.focal_px * capture.focal_factor
             camera = block.model_copy(update={"radial": 0.0, "focal_px": focal_px})
-            told = replace(fly(take.scene), camera=camera.build())
+            told = replace(simulate_trajectory(capture.scene), camera=camera.build())
             return cls(
                 images=file["images"],
                 measurements=[
@@ -79,10 +79,10 @@ class Recorded:
                 inverse_depth_units=file["inverse_depth_units"],
                 truth=file["truth"].astype(np.float32),
                 surface=file["surface"],
-                trajectory=disturbed(told, take.scene.random(13), POSE_ERROR_DEG).take(
-                    file["keys"]
-                ),
-                scene=take.scene,
+                trajectory=perturb_poses(
+                    told, capture.scene.random_stream(13), POSE_ERROR_DEG
+                ).take(file["keys"]),
+                scene=capture.scene,
             )
 
 

@@ -21,13 +21,13 @@ from locate.pipeline.place import place_reconstruction
 from locate.pipeline.points import load_points
 from locate.recording import KeyFrames
 from locate.simulation import Campaign
-from locate.simulation.subtitles import Receiver, write_subtitles
+from locate.simulation.subtitles import GpsReceiver, write_subtitles
 
 RECEIVERS = {
-    "0.5 m, wandering over 60 s": Receiver(),
-    "0.5 m, white": Receiver(white_m=0.5, wander_m=0.0),
-    "0.5 m, no gimbal": Receiver(gimbal_deg=None),
-    "2 m, wandering over 10 min": Receiver(white_m=0.5, wander_m=2.0, wander_s=600.0),
+    "0.5 m, wandering over 60 s": GpsReceiver(),
+    "0.5 m, white": GpsReceiver(white_m=0.5, wander_m=0.0),
+    "0.5 m, no gimbal": GpsReceiver(gimbal_deg=None),
+    "2 m, wandering over 10 min": GpsReceiver(white_m=0.5, wander_m=2.0, wander_s=600.0),
 }
 
 
@@ -67,7 +67,7 @@ def error_of(
     campaign: Campaign,
     run: Path,
     truth: Trajectory,
-    receiver: Receiver,
+    receiver: GpsReceiver,
     rng: np.random.Generator,
 ) -> tuple[float, float, float] | None:
     """Errors of scale (%) and up (degrees), and NEES/dof of a point; None where refused."""

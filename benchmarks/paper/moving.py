@@ -15,7 +15,7 @@ from benchmarks.paper.rows import HEADER, Seen, add_detector_arguments, row, str
 from detect.detection import Frames
 from detect.dybs import DybsDetector
 from geometry.arrays import FloatMap, GreyImage
-from locate.simulation.camera_paths import fly
+from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.layouts import random_scene
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import Renderer
@@ -30,7 +30,7 @@ from locate.simulation.scene import (
     WallObject,
 )
 from locate.simulation.shutter import INSTANT, Shutter
-from locate.simulation.surfaces import World
+from locate.simulation.surfaces import StaticSurfaces
 
 VIEWS, EXPOSURE_S = 3, 0.02
 
@@ -67,11 +67,11 @@ def scenes() -> dict[str, tuple[Scene, Shutter]]:
 
 
 def rendered(scene: Scene, shutter: Shutter) -> Iterator[tuple[GreyImage, FloatMap]]:
-    trajectory = fly(scene)
+    trajectory = simulate_trajectory(scene)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = Renderer(scene, World(scene), fields, trajectory, shutter)
+    renderer = Renderer(scene, StaticSurfaces(scene), fields, trajectory, shutter)
     for i in range(len(trajectory)):
-        image, truth = renderer.render(i)
+        image, truth = renderer.render_frame(i)
         yield image, truth.displacement
 
 

@@ -23,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    from locate.simulation.capture import Take, film
-    from locate.simulation.clips import draw_clip_scene, measured
+    from locate.simulation.capture import CaptureSetup, render_frames
+    from locate.simulation.clips import draw_clip_scene, measure_clip
 
     for seed in range(FIRST_SEED, FIRST_SEED + options.scenes):
         for amplitude_px, noise in CONDITIONS:
@@ -36,4 +36,6 @@ def main(options: argparse.Namespace) -> None:
             plumes = [p.model_copy(update={"amplitude_px": amplitude_px}) for p in scene.plumes]
             image = scene.image.model_copy(update={"noise": noise})
             scene = scene.model_copy(update={"plumes": plumes, "image": image})
-            measured(film(Take(scene=scene)), scene.random(13)).save(path)
+            measure_clip(render_frames(CaptureSetup(scene=scene)), scene.random_stream(13)).save(
+                path
+            )

@@ -4,7 +4,7 @@ import argparse
 
 from benchmarks.common.filmed import record
 from benchmarks.reliability.recordings import KEYS, add_recording_arguments, chosen, scene_of
-from locate.simulation.capture import Take
+from locate.simulation.capture import CaptureSetup
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,5 +16,5 @@ def main(options: argparse.Namespace) -> None:
     for seed in chosen(options):
         path = options.work / f"{seed}.npz"
         if not path.exists():
-            record(Take(scene=scene_of(seed)), KEYS, path)
+            record(CaptureSetup(scene=scene_of(seed)), KEYS, path)
             print(seed, flush=True)

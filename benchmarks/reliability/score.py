@@ -16,7 +16,7 @@ from benchmarks.reliability.recordings import (
 )
 from detect.kinds import REGISTERED
 from detect.registered import RegisteredDetector
-from locate.simulation.capture import Take
+from locate.simulation.capture import CaptureSetup
 from locate.simulation.layouts import random_scene
 
 
@@ -30,5 +30,7 @@ def main(options: argparse.Namespace) -> None:
         recorded, path = (options.work / f"{seed}.{suffix}" for suffix in ("npz", "json"))
         if recorded.exists() and not path.exists():
             leak = flowing(random_scene(seed, plume=True).plumes[0], flow_of(seed))
-            judge(Recorded.load(recorded, Take(scene=scene_of(seed))), leak, detector).save(path)
+            judge(Recorded.load(recorded, CaptureSetup(scene=scene_of(seed))), leak, detector).save(
+                path
+            )
             print(seed, path.read_text(), flush=True)

@@ -27,10 +27,10 @@ from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.simulation import Scene, random_scene
-from locate.simulation.capture import Take
-from locate.simulation.nuisances import NUISANCES, spoiled
-from locate.simulation.photo_scenes import PICTURES
-from locate.simulation.recording import record
+from locate.simulation.capture import CaptureSetup
+from locate.simulation.nuisances import NUISANCES, apply_nuisances
+from locate.simulation.photo_scenes import PHOTOS_PER_SCENE
+from locate.simulation.recording import write_recording
 from locate.simulation.scene import CylinderObject
 
 KINDS = ("leak", "pair", "clean")
@@ -49,7 +49,7 @@ class Outcome:
 
 def with_second(scene: Scene, gap_m: float) -> Scene:
     """A leak on a riser of its own, so far beside the first, to any side of it."""
-    rng = scene.random(25)
+    rng = scene.random_stream(25)
     (first,) = scene.plumes
     turn = rng.uniform(0, 2 * np.pi)
     x, y, z = first.source
@@ -72,10 +72,10 @@ def with_second(scene: Scene, gap_m: float) -> Scene:
 def render(folder: Path, scene: Scene, nuisance: str, photos: Sequence[Path]) -> None:
     if (folder / "truth.json").exists():
         return
-    rng = scene.random(24)
-    some = rng.choice(len(photos), PICTURES, replace=False) if photos else ()
-    take = Take(scene=scene, photos=tuple(photos[i] for i in some))
-    record(spoiled(take, [nuisance] if nuisance else [], rng), folder)
+    rng = scene.random_stream(24)
+    some = rng.choice(len(photos), PHOTOS_PER_SCENE, replace=False) if photos else ()
+    capture = CaptureSetup(scene=scene, photos=tuple(photos[i] for i in some))
+    write_recording(apply_nuisances(capture, [nuisance] if nuisance else [], rng), folder)
 
 
 def run(folder: Path, *, resume: bool) -> Outcome:

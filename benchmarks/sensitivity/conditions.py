@@ -10,10 +10,10 @@ from zlib import crc32
 import numpy as np
 
 from detect.synthesis.raster import photos_in
-from locate.simulation.capture import Take
-from locate.simulation.compression import h264
+from locate.simulation.capture import CaptureSetup
+from locate.simulation.compression import compress_h264
 from locate.simulation.layouts import random_scene
-from locate.simulation.nuisances import NUISANCES, spoiled
+from locate.simulation.nuisances import NUISANCES, apply_nuisances
 from locate.simulation.scene import CameraBlock, Scene
 
 FIRST_SEED = 310_000
@@ -91,10 +91,10 @@ def scene_of(condition: Condition, seed: int, scale: Scale) -> Scene:
     return scene.model_copy(update={"camera": camera})
 
 
-def take_of(condition: Condition, scene: Scene, photos: Path | None) -> Take:
+def take_of(condition: Condition, scene: Scene, photos: Path | None) -> CaptureSetup:
     """The nuisance is the same with and without a plume."""
     rng = np.random.default_rng([scene.seed, crc32(condition.nuisance.encode())])
-    take = Take(scene=scene)
+    capture = CaptureSetup(scene=scene)
     if condition.nuisance in MOVING:
         if photos is None:
             raise SystemExit(f"{condition.nuisance} needs --photos")
@@ -102,10 +102,12 @@ def take_of(condition: Condition, scene: Scene, photos: Path | None) -> Take:
         if len(every) < PICTURES:
             raise SystemExit(f"{photos}: {len(every)} photos of the test split, give {PICTURES}")
         chosen = rng.choice(len(every), PICTURES, replace=False)
-        take = replace(take, photos=tuple(every[i] for i in chosen))
+        capture = replace(capture, photos=tuple(every[i] for i in chosen))
     if condition.nuisance in CODINGS:
-        return replace(take, coding=partial(h264, bits_per_pixel=CODINGS[condition.nuisance]))
-    return spoiled(take, [condition.nuisance] if condition.nuisance else [], rng)
+        return replace(
+            capture, coding=partial(compress_h264, bits_per_pixel=CODINGS[condition.nuisance])
+        )
+    return apply_nuisances(capture, [condition.nuisance] if condition.nuisance else [], rng)
 
 
 def sequences(scale: Scale) -> Iterator[tuple[str, Condition, int]]:

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
-from locate.simulation.surfaces import Hits, Surfaces
-from locate.simulation.textures import GRAIN, TEXEL_M, TileAtlas
+from locate.simulation.surfaces import RayHits, SurfaceModel
+from locate.simulation.textures import GRAIN, TEXEL_M, TextureAtlas
 
 FIRST_BILLBOARD = 2**31
 NEAREST_M = 0.05
@@ -115,7 +115,7 @@ def lay_billboard(x: float, y: float, z: float, **attributes: Any) -> Billboard:
     return Billboard(corner=np.array([x, y, z]), right=right, up=up, **attributes)
 
 
-class BillboardWorld:
+class BillboardSurfaces:
     """Billboards in front of other surfaces.
 
     Args:
@@ -129,26 +129,26 @@ class BillboardWorld:
     def __init__(
         self,
         billboards: Sequence[Billboard],
-        photos: TileAtlas,
-        behind: Surfaces,
-        waves: TileAtlas | None = None,
+        photos: TextureAtlas,
+        behind: SurfaceModel,
+        waves: TextureAtlas | None = None,
         time_s: float = 0.0,
     ) -> None:
         self._billboards_at_start = tuple(billboards)
         self._billboards = tuple(billboard.at(time_s) for billboard in billboards)
         self._photos = photos
         self._behind = behind
-        self._waves = waves
+        self._wave_noise = waves
         self._time_s = time_s
 
     def at(self, time_s: float) -> Self:
         """The billboards where they then are."""
         behind = self._behind.at(time_s)
-        return type(self)(self._billboards_at_start, self._photos, behind, self._waves, time_s)
+        return type(self)(self._billboards_at_start, self._photos, behind, self._wave_noise, time_s)
 
-    def cast(self, origins: FloatMap, directions: FloatMap) -> Hits:
+    def cast_rays(self, origins: FloatMap, directions: FloatMap) -> RayHits:
         """Follows N rays, (N, 3) origins and unit directions, to the first surface."""
-        hits = self._behind.cast(origins, directions)
+        hits = self._behind.cast_rays(origins, directions)
         nearest, triangle = hits.range_m.copy(), hits.triangle.copy()
         for number, billboard in enumerate(self._billboards):
             start, step = billboard.to_billboard_axes(origins, directions)
@@ -160,13 +160,13 @@ class BillboardWorld:
             solid = billboard.stops_ray(*billboard.unsway(u, v, self._time_s))
             nearest[rows[solid]] = reach[solid]
             triangle[rows[solid]] = FIRST_BILLBOARD + number
-        return Hits(range_m=nearest, triangle=triangle, barycentric=hits.barycentric)
+        return RayHits(range_m=nearest, triangle=triangle, barycentric=hits.barycentric)
 
-    def radiance(
+    def compute_radiance(
         self,
         origins: FloatMap,
         directions: FloatMap,
-        hits: Hits,
+        hits: RayHits,
         *,
         path_m: FloatMap,
         ray_width_rad: float,
@@ -175,12 +175,12 @@ class BillboardWorld:
         on_billboard = np.isfinite(hits.range_m) & (hits.triangle >= FIRST_BILLBOARD)
         rest = np.flatnonzero(~on_billboard)
         radiance = np.empty(len(directions), dtype=np.float32)
-        behind = Hits(
+        behind = RayHits(
             range_m=hits.range_m[rest],
             triangle=hits.triangle[rest],
             barycentric=hits.barycentric[rest],
         )
-        radiance[rest] = self._behind.radiance(
+        radiance[rest] = self._behind.compute_radiance(
             origins[rest],
             directions[rest],
             behind,
@@ -204,18 +204,18 @@ class BillboardWorld:
         """(N,) radiance at (N, 3) places for rays (N, 3), both in the billboard's axes."""
         u, v = billboard.unsway(place[:, 0], place[:, 1], self._time_s)
         fine = np.float32(TEXEL_M / billboard.texel_m)
-        tone = self._photos.sample(u * fine, v * fine, billboard.photo, footprint * fine)
+        tone = self._photos.sample_texture(u * fine, v * fine, billboard.photo, footprint * fine)
         tone = np.clip(tone, 0, 1)
-        if billboard.gloss and self._waves is not None:
+        if billboard.gloss and self._wave_noise is not None:
             tone = tone + billboard.gloss * self._glint_brightness(
-                billboard, self._waves, u, v, step, footprint
+                billboard, self._wave_noise, u, v, step, footprint
             )
         return np.asarray(tone, dtype=np.float32)
 
     def _glint_brightness(
         self,
         billboard: Billboard,
-        waves: TileAtlas,
+        waves: TextureAtlas,
         u: FloatMap,
         v: FloatMap,
         step: FloatMap,
@@ -226,8 +226,8 @@ class BillboardWorld:
         half = axes @ billboard.lamp.astype(np.float32) - step
         slopes = half[:, :2] / np.maximum(np.abs(half[:, 2:]), 1e-3)
         passed = np.float32(0.2 * self._time_s)
-        tilt_u = WAVES_SLOPE * waves.sample(u / WAVELET_M, v, GRAIN, footprint)
-        tilt_v = WAVES_SLOPE * waves.sample(v + passed, u / WAVELET_M, GRAIN, footprint)
+        tilt_u = WAVES_SLOPE * waves.sample_texture(u / WAVELET_M, v, GRAIN, footprint)
+        tilt_v = WAVES_SLOPE * waves.sample_texture(v + passed, u / WAVELET_M, GRAIN, footprint)
         off = (slopes[:, 0] - tilt_u) ** 2 + (slopes[:, 1] - tilt_v) ** 2
         return np.asarray(np.exp(-off / (2 * SPARKLE**2)))
 

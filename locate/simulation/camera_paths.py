@@ -7,7 +7,7 @@ from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.simulation.scene import PathBlock, Scene
 
-HAND_HZ = (0.35, 0.8, 1.7)
+HAND_MOTION_HZ = (0.35, 0.8, 1.7)
 
 
 def look_at(center: FloatArray, target: FloatArray) -> FloatArray:
@@ -20,20 +20,20 @@ def look_at(center: FloatArray, target: FloatArray) -> FloatArray:
     return np.array([right, np.cross(forward, right), forward])
 
 
-def fly(scene: Scene) -> Trajectory:
+def simulate_trajectory(scene: Scene) -> Trajectory:
     """The true poses of every frame: metric, Z up."""
     count = scene.video.frames
     times = np.arange(count) / scene.video.fps
     share = np.linspace(0, 1, count) if count > 1 else np.full(1, 0.5)
     path = scene.path
     if path.kind == "lawn_mower":
-        centers, rotations = _lawn_mower(path, share)
+        centers, rotations = _lawn_mower_poses(path, share)
     else:
-        centers = _around(path, share)
+        centers = _look_at_centers(path, share)
         rotations = np.array([look_at(center, np.array(path.target)) for center in centers])
-    rng = scene.random(2)
-    centers = centers + path.jitter_m * _hand(rng, times)
-    turns = Rotation.from_rotvec(np.radians(path.jitter_deg) * _hand(rng, times)).as_matrix()
+    rng = scene.random_stream(2)
+    centers = centers + path.jitter_m * _hand_motion(rng, times)
+    turns = Rotation.from_rotvec(np.radians(path.jitter_deg) * _hand_motion(rng, times)).as_matrix()
     rotations = turns @ rotations
     return Trajectory(
         camera=scene.camera.build(),
@@ -46,7 +46,7 @@ def fly(scene: Scene) -> Trajectory:
     )
 
 
-def _around(path: PathBlock, share: FloatArray) -> FloatArray:
+def _look_at_centers(path: PathBlock, share: FloatArray) -> FloatArray:
     """(N, 3) centres of the paths that look at a target."""
     sweep = path.arc_deg if path.kind in ("orbit", "handheld") else 0.0
     angle = np.radians(path.start_deg + sweep * share)
@@ -58,7 +58,7 @@ def _around(path: PathBlock, share: FloatArray) -> FloatArray:
     return np.stack([x, y, np.full(len(share), path.height_m)], axis=1)
 
 
-def _lawn_mower(path: PathBlock, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _lawn_mower_poses(path: PathBlock, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centres and rotations of parallel lanes along x, there and back, rounded at the ends."""
     place = share * path.lanes * (1 - 1e-9)
     lane = np.floor(place)
@@ -80,11 +80,11 @@ def _lawn_mower(path: PathBlock, share: FloatArray) -> tuple[FloatArray, FloatAr
     return centers, rotations
 
 
-def _hand(rng: np.random.Generator, times_s: FloatArray) -> FloatArray:
+def _hand_motion(rng: np.random.Generator, times_s: FloatArray) -> FloatArray:
     """(N, 3) a smooth random motion of unit size, faster parts smaller."""
     motion = np.zeros((len(times_s), 3))
-    for hertz in HAND_HZ:
+    for hertz in HAND_MOTION_HZ:
         rate = hertz * rng.uniform(0.8, 1.2, 3)
         phase = rng.uniform(0, 2 * np.pi, 3)
-        motion += np.sin(2 * np.pi * rate * times_s[:, None] + phase) * (HAND_HZ[0] / hertz)
+        motion += np.sin(2 * np.pi * rate * times_s[:, None] + phase) * (HAND_MOTION_HZ[0] / hertz)
     return motion

@@ -12,8 +12,8 @@ from geometry.arrays import FloatArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
-from locate.simulation.camera_paths import fly
-from locate.simulation.recording import Progress, silent, simulate
+from locate.simulation.camera_paths import simulate_trajectory
+from locate.simulation.recording import Progress, ignore_progress, simulate
 from locate.simulation.scene import (
     CameraBlock,
     ImageBlock,
@@ -28,7 +28,7 @@ from locate.simulation.scene import (
     SceneObject,
     VideoBlock,
 )
-from locate.simulation.subtitles import Receiver, write_subtitles
+from locate.simulation.subtitles import GpsReceiver, write_subtitles
 
 SCHEMA = "locate.campaign-truth/1"
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -75,7 +75,7 @@ class ThermalSite(SceneBlock):
     drift_s: NotNegative = 0.0
     wander_m: NotNegative = 0.0
 
-    def probability(self, hour: float) -> float:
+    def probability_at(self, hour: float) -> float:
         """That the column stands at a local hour."""
         hours, chances = zip(*sorted(self.occurrence.items()), strict=True)
         return float(np.interp(hour, hours, chances))
@@ -90,7 +90,7 @@ class FlightPlan(SceneBlock):
     wind_mps: PlanarPoint | None = None
 
     @property
-    def hour(self) -> float:
+    def local_hour(self) -> float:
         """Local time of day."""
         midnight = self.start.replace(hour=0, minute=0, second=0, microsecond=0)
         return (self.start - midnight) / dt.timedelta(hours=1)
@@ -105,7 +105,7 @@ class Campaign(SceneFile):
     camera: CameraBlock = CameraBlock()
     video: VideoBlock = VideoBlock()
     image: ImageBlock = ImageBlock()
-    receiver: Receiver = Receiver()
+    receiver: GpsReceiver = GpsReceiver()
     wind_mps: PlanarPoint = (0.0, 0.0)
     wind_sigma_mps: NotNegative = 0.0
     objects: tuple[SceneObject, ...] = ()
@@ -120,7 +120,7 @@ class Campaign(SceneFile):
                 raise ValueError(f"two {kind}s have one name")
         return self
 
-    def random(self, part: str, number: int) -> np.random.Generator:
+    def random_stream(self, part: str, number: int) -> np.random.Generator:
         """The random numbers of one part of one flight, whatever other flights there are."""
         return np.random.default_rng([self.seed, _STREAM[part], number])
 
@@ -129,17 +129,17 @@ class Campaign(SceneFile):
         given = self.flights[number].wind_mps
         if given is not None:
             return given
-        drawn = self.random("wind", number).normal(self.wind_mps, self.wind_sigma_mps)
+        drawn = self.random_stream("wind", number).normal(self.wind_mps, self.wind_sigma_mps)
         return float(drawn[0]), float(drawn[1])
 
     def columns_of(self, number: int) -> dict[str, Point]:
         """Feet of the columns that stand during a flight, by the name of their site."""
-        rng, hour = self.random("thermals", number), self.flights[number].hour
+        rng, hour = self.random_stream("thermals", number), self.flights[number].local_hour
         east, north = self.wind_of(number)
         feet: dict[str, Point] = {}
         for site in self.sites:
             chance, wander = rng.uniform(), rng.normal(size=2) * site.wander_m
-            if chance < site.probability(hour):
+            if chance < site.probability_at(hour):
                 x, y, z = site.position
                 x += float(wander[0]) + site.drift_s * east
                 feet[site.name] = (x, y + float(wander[1]) + site.drift_s * north, z)
@@ -164,7 +164,7 @@ class Campaign(SceneFile):
             video=self.video,
             image=self.image,
             path=flight.path,
-            sun_deg=sun_at(flight.hour),
+            sun_deg=sun_at(flight.local_hour),
             wind_mps=self.wind_of(number),
             objects=self.objects,
             plumes=plumes,
@@ -186,7 +186,9 @@ def is_campaign(path: Path) -> bool:
     return any(line.split("#")[0].strip() == "kind: campaign" for line in lines)
 
 
-def simulate_campaign(campaign: Campaign, output: Path, *, progress: Progress = silent) -> None:
+def simulate_campaign(
+    campaign: Campaign, output: Path, *, progress: Progress = ignore_progress
+) -> None:
     """Renders every flight; one whose video stands from before is left as it is.
 
     Writes campaign.yaml, truth.json, camera.json (for ``--camera``), videos/NAME.mkv (or .mp4) with
@@ -200,7 +202,7 @@ def simulate_campaign(campaign: Campaign, output: Path, *, progress: Progress = 
     Raises:
         BadInputError: The folder cannot be written, or holds another campaign.
     """
-    _claim(campaign, output)
+    _claim_folder(campaign, output)
     place, frames = campaign.origin.build(), campaign.video.frames
     flights = []
     for number, flight in enumerate(campaign.flights):
@@ -216,11 +218,11 @@ def simulate_campaign(campaign: Campaign, output: Path, *, progress: Progress = 
             simulate(scene, folder, progress=report)
             write_subtitles(
                 video.with_suffix(".srt"),
-                fly(scene),
+                simulate_trajectory(scene),
                 place,
                 campaign.receiver,
                 start=flight.start,
-                rng=campaign.random("receiver", number),
+                rng=campaign.random_stream("receiver", number),
             )
             (folder / f"video{suffix}").replace(video)
         flights.append(_flight_truth(campaign, number, video.relative_to(output)))
@@ -234,7 +236,7 @@ def simulate_campaign(campaign: Campaign, output: Path, *, progress: Progress = 
         path.write_text(json.dumps(content, indent=1))
 
 
-def _claim(campaign: Campaign, output: Path) -> None:
+def _claim_folder(campaign: Campaign, output: Path) -> None:
     try:
         (output / "videos").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -274,13 +276,13 @@ def _flight_truth(campaign: Campaign, number: int, video: Path) -> dict[str, Any
         "telemetry": str(video.with_suffix(".srt")),
         "truth": f"truth/{flight.name}",
         "start_local": flight.start.isoformat(),
-        "local_hour": flight.hour,
+        "local_hour": flight.local_hour,
         "wind_mps": list(campaign.wind_of(number)),
         "columns": [
             {
                 "site": site.name,
                 "on": site.name in feet,
-                "probability": site.probability(flight.hour),
+                "probability": site.probability_at(flight.local_hour),
                 "source": list(feet[site.name]) if site.name in feet else None,
                 "lat_lon_height": _on_earth(place, np.array(feet[site.name]))
                 if site.name in feet

@@ -1,4 +1,4 @@
-"""A take: a scene, what comes between it and the camera, and how the camera takes it."""
+"""A capture: a scene, what comes between it and the camera, and how the camera records it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -11,24 +11,24 @@ from detect.synthesis.raster import read_photo
 from geometry.arrays import FloatMap, GreyImage
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.simulation.billboards import Billboard, BillboardWorld
-from locate.simulation.camera_paths import fly
+from locate.simulation.billboards import Billboard, BillboardSurfaces
+from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.image_formation import GAMMA
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import RenderedTruth, Renderer
 from locate.simulation.scene import Scene
 from locate.simulation.shutter import INSTANT, Shutter
-from locate.simulation.surfaces import Surfaces, World
-from locate.simulation.textures import TILE_PX, TileAtlas, noise_tiles
+from locate.simulation.surfaces import StaticSurfaces, SurfaceModel
+from locate.simulation.textures import TEXTURE_PX, TextureAtlas, make_noise_textures
 
 LEAST_MEAN, MOST_GAIN = 0.2, 4.0
 """To what a dark photo is lightened, and by how much at most."""
-Coding = Callable[[Sequence[GreyImage], float], list[GreyImage]]
+FrameCoding = Callable[[Sequence[GreyImage], float], list[GreyImage]]
 """What storing the frames of a video does to them, given frames per second."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Take:
+class CaptureSetup:
     """Everything that decides a recording, and what the chain is told of its camera.
 
     Attributes:
@@ -44,13 +44,13 @@ class Take:
     photos: tuple[Path, ...] = ()
     billboards: tuple[Billboard, ...] = ()
     shutter: Shutter = INSTANT
-    coding: Coding | None = None
+    coding: FrameCoding | None = None
     focal_factor: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Footage:
-    """A take on film.
+class RenderedFrames:
+    """The frames of a capture, and what is true of each.
 
     Attributes:
         images: N grey frames.
@@ -65,28 +65,28 @@ class Footage:
     amplitude_px: float
 
 
-def film(take: Take) -> Footage:
-    """Renders a take."""
-    scene = take.scene
-    trajectory = fly(scene)
+def render_frames(capture: CaptureSetup) -> RenderedFrames:
+    """Renders a capture."""
+    scene = capture.scene
+    trajectory = simulate_trajectory(scene)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = Renderer(scene, surfaces(take), fields, trajectory, take.shutter)
-    rendered = [renderer.render(i) for i in range(len(trajectory))]
+    renderer = Renderer(scene, build_surfaces(capture), fields, trajectory, capture.shutter)
+    rendered = [renderer.render_frame(i) for i in range(len(trajectory))]
     images = [image for image, _ in rendered]
-    if take.coding is not None:
-        images = take.coding(images, scene.video.fps)
-    return Footage(
+    if capture.coding is not None:
+        images = capture.coding(images, scene.video.fps)
+    return RenderedFrames(
         images=images,
         truths=[truth for _, truth in rendered],
-        trajectory=replace(trajectory, camera=_told(take)),
+        trajectory=replace(trajectory, camera=_stated_camera(capture)),
         amplitude_px=max(renderer.amplitudes_px, default=0.0),
     )
 
 
-def photo_tile(path: Path, rng: np.random.Generator) -> FloatMap:
+def make_photo_texture(path: Path, rng: np.random.Generator) -> FloatMap:
     """A random crop of a photo as radiance, mirrored into a tile without seams."""
     image = read_photo(path)
-    side = TILE_PX // 2
+    side = TEXTURE_PX // 2
     scale = max(1.0, side / min(image.shape))
     enlarged = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     y, x = (int(rng.integers(0, n - side + 1)) for n in enlarged.shape)
@@ -96,21 +96,24 @@ def photo_tile(path: Path, rng: np.random.Generator) -> FloatMap:
     return np.pad(light[::-1], ((0, side), (0, side)), mode="symmetric")
 
 
-def surfaces(take: Take) -> Surfaces:
+def build_surfaces(capture: CaptureSetup) -> SurfaceModel:
     """What a ray may meet."""
-    scene = take.scene
-    world = World(scene)
-    if not take.billboards:
+    scene = capture.scene
+    world = StaticSurfaces(scene)
+    if not capture.billboards:
         return world
-    photos = TileAtlas(
-        [photo_tile(path, scene.random(20, n)) for n, path in enumerate(take.photos)]
+    photos = TextureAtlas(
+        [
+            make_photo_texture(path, scene.random_stream(20, n))
+            for n, path in enumerate(capture.photos)
+        ]
     )
-    glints = any(billboard.gloss for billboard in take.billboards)
-    waves = TileAtlas(noise_tiles(scene.random(21))) if glints else None
-    return BillboardWorld(take.billboards, photos, world, waves)
+    glints = any(billboard.gloss for billboard in capture.billboards)
+    waves = TextureAtlas(make_noise_textures(scene.random_stream(21))) if glints else None
+    return BillboardSurfaces(capture.billboards, photos, world, waves)
 
 
-def _told(take: Take) -> Camera:
-    block = take.scene.camera
-    told = {"radial": 0.0, "focal_px": block.focal_px * take.focal_factor}
+def _stated_camera(capture: CaptureSetup) -> Camera:
+    block = capture.scene.camera
+    told = {"radial": 0.0, "focal_px": block.focal_px * capture.focal_factor}
     return block.model_copy(update=told).build()

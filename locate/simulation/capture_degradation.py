@@ -1,4 +1,4 @@
-"""Takes as rough as those of people who never thought of refraction.
+"""Recordings as careless as those of people who never thought of refraction.
 
 The camera strides, turns and comes closer, so that neighbours lie far apart; several things spoil
 the frames at once. A network that has only seen frames registered well takes all others for plumes.
@@ -9,22 +9,22 @@ from dataclasses import replace
 import numpy as np
 
 from detect.synthesis.sample import log_uniform
-from locate.simulation.capture import Take
-from locate.simulation.nuisances import NUISANCES, spoiled
+from locate.simulation.capture import CaptureSetup
+from locate.simulation.nuisances import NUISANCES, apply_nuisances
 from locate.simulation.scene import PathBlock
 
-POSE_ERROR_DEG = (0.02, 0.6)
+DEGRADED_POSE_ERROR_DEG = (0.02, 0.6)
 NUISANCE_COUNT = (1, 5)
 ARC_DEG = (20.0, 150.0)
 JITTER_M, JITTER_DEG = (0.02, 0.2), (0.3, 3.0)
 
 
-def degrade_capture(take: Take) -> Take:
-    """The take along a rougher path, with one to four nuisances."""
-    rng = take.scene.random(26)
-    scene = take.scene.model_copy(update={"path": _degrade_path(take.scene.path, rng)})
+def degrade_capture(capture: CaptureSetup) -> CaptureSetup:
+    """The capture along a rougher path, with one to four nuisances."""
+    rng = capture.scene.random_stream(26)
+    scene = capture.scene.model_copy(update={"path": _degrade_path(capture.scene.path, rng)})
     names = rng.choice(list(NUISANCES), rng.integers(*NUISANCE_COUNT), replace=False)
-    return spoiled(replace(take, scene=scene), [str(name) for name in names], rng)
+    return apply_nuisances(replace(capture, scene=scene), [str(name) for name in names], rng)
 
 
 def _degrade_path(path: PathBlock, rng: np.random.Generator) -> PathBlock:

@@ -14,22 +14,22 @@ from detect.registered.features import stack_features
 from detect.synthesis.sample import log_uniform
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.simulation.capture import Footage, Take, film
-from locate.simulation.capture_degradation import POSE_ERROR_DEG as ROUGH_ERROR_DEG
+from locate.simulation.capture import CaptureSetup, RenderedFrames, render_frames
+from locate.simulation.capture_degradation import DEGRADED_POSE_ERROR_DEG as ROUGH_ERROR_DEG
 from locate.simulation.capture_degradation import degrade_capture
 from locate.simulation.layouts import random_scene
-from locate.simulation.nuisances import spoiled
-from locate.simulation.photo_scenes import photo_take
+from locate.simulation.nuisances import apply_nuisances
+from locate.simulation.photo_scenes import make_photo_capture
 from locate.simulation.randomised_sources import randomise_sources
 from locate.simulation.scene import CameraBlock, PathBlock, Scene
 
-FRAMES = 24
-ENDS = 4
+CLIP_FRAMES = 24
+UNUSED_END_FRAMES = 4
 KEY_FRAMES = 8
-PLUME_FREE = 0.35
+PLUME_FREE_SHARE = 0.35
 AMPLITUDE_PX = (0.06, 2.0)
-NOISE = (0.4, 4.0)
-POSE_ERROR_DEG = (0.003, 0.1)
+NOISE_LEVELS = (0.4, 4.0)
+DEGRADED_POSE_ERROR_DEG = (0.003, 0.1)
 SHIFT_M_PER_DEG = 0.15
 SIDE_PX = (320, 240)
 FOCAL_PX = (250.0, 600.0)
@@ -47,17 +47,17 @@ def draw_clip_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = 
         amplitude_px = log_uniform(np.random.default_rng([seed, 17]), AMPLITUDE_PX)
         return randomise_sources(draw_clip_scene(seed, plume=False), amplitude_px, plume=plume)
     rng = np.random.default_rng([seed, 12])
-    drawn = bool(rng.random() > PLUME_FREE)
+    drawn = bool(rng.random() > PLUME_FREE_SHARE)
     scene = random_scene(
         seed,
         plume=drawn if plume is None else plume,
         amplitude_px=log_uniform(rng, AMPLITUDE_PX),
-        noise=log_uniform(rng, NOISE),
-        frames=FRAMES,
+        noise=log_uniform(rng, NOISE_LEVELS),
+        frames=CLIP_FRAMES,
         arc_deg=float(rng.uniform(14, 40)),
     )
     camera = CameraBlock(width=SIDE_PX[0], height=SIDE_PX[1], focal_px=log_uniform(rng, FOCAL_PX))
-    return scene.model_copy(update={"camera": camera, "path": _path(rng, scene.path)})
+    return scene.model_copy(update={"camera": camera, "path": _draw_path(rng, scene.path)})
 
 
 def make_clip(seed: int, leaks: Leaks = "nozzle") -> TrainingClip:
@@ -68,7 +68,7 @@ def make_clip(seed: int, leaks: Leaks = "nozzle") -> TrainingClip:
         leaks: Where plumes leave.
     """
     scene = draw_clip_scene(seed, leaks=leaks)
-    return measured(film(Take(scene=scene)), scene.random(13))
+    return measure_clip(render_frames(CaptureSetup(scene=scene)), scene.random_stream(13))
 
 
 def make_photo_clip(
@@ -91,31 +91,40 @@ def make_photo_clip(
         rough: Whether it is filmed as `degrade_capture` does it, its poses worse.
     """
     scene = draw_clip_scene(seed, leaks=leaks, plume=plume)
-    take = photo_take(scene, photos)
+    capture = make_photo_capture(scene, photos)
     if rough:
-        error_deg = log_uniform(scene.random(27), ROUGH_ERROR_DEG)
-        return measured(film(degrade_capture(take)), scene.random(13), error_deg)
-    return measured(film(spoiled(take, nuisances, scene.random(24))), scene.random(13))
+        error_deg = log_uniform(scene.random_stream(27), ROUGH_ERROR_DEG)
+        return measure_clip(
+            render_frames(degrade_capture(capture)), scene.random_stream(13), error_deg
+        )
+    return measure_clip(
+        render_frames(apply_nuisances(capture, nuisances, scene.random_stream(24))),
+        scene.random_stream(13),
+    )
 
 
-def measured(
-    footage: Footage, rng: np.random.Generator, error_deg: float | None = None
+def measure_clip(
+    rendered: RenderedFrames, rng: np.random.Generator, error_deg: float | None = None
 ) -> TrainingClip:
-    """Measures key frames of a footage, poses a little wrong; by how much, as `disturbed` says."""
-    poses = disturbed(footage.trajectory, rng, error_deg)
-    frames = Frames(images=footage.images, trajectory=poses)
-    keys = np.linspace(ENDS, len(frames) - 1 - ENDS, KEY_FRAMES).round().astype(int)
-    return clip_of_frames(frames, footage, [int(key) for key in keys])
+    """Measures key frames of a recording, its poses a little wrong (see `perturb_poses`)."""
+    poses = perturb_poses(rendered.trajectory, rng, error_deg)
+    frames = Frames(images=rendered.images, trajectory=poses)
+    keys = (
+        np.linspace(UNUSED_END_FRAMES, len(frames) - 1 - UNUSED_END_FRAMES, KEY_FRAMES)
+        .round()
+        .astype(int)
+    )
+    return build_clip(frames, rendered, [int(key) for key in keys])
 
 
-def clip_of_frames(frames: Frames, footage: Footage, keys: Sequence[int]) -> TrainingClip:
+def build_clip(frames: Frames, rendered: RenderedFrames, keys: Sequence[int]) -> TrainingClip:
     """What is measured of those frames that can be, beside the truth.
 
     Raises:
         BadInputError: None can.
     """
     detector = RegisteredDetector()
-    told = [(footage.truths[key], detector.measure(frames, key)) for key in keys]
+    told = [(rendered.truths[key], detector.measure(frames, key)) for key in keys]
     known = [(truth, answer[0]) for truth, answer in told if answer is not None]
     if not known:
         raise BadInputError("none of the key frames can be measured: no neighbour sees the same")
@@ -125,11 +134,11 @@ def clip_of_frames(frames: Frames, footage: Footage, keys: Sequence[int]) -> Tra
         ),
         displacements=np.stack([t.displacement for t, _ in known]).astype(np.float16),
         surface=np.stack([np.isfinite(t.depth) for t, _ in known]),
-        amplitude_px=footage.amplitude_px,
+        amplitude_px=rendered.amplitude_px,
     )
 
 
-def disturbed(
+def perturb_poses(
     trajectory: Trajectory, rng: np.random.Generator, error_deg: float | None = None
 ) -> Trajectory:
     """Independent errors of every pose, as structure from motion makes them.
@@ -139,7 +148,7 @@ def disturbed(
         rng: Draws them.
         error_deg: Standard deviation about every axis; None draws that too.
     """
-    error_deg = log_uniform(rng, POSE_ERROR_DEG) if error_deg is None else error_deg
+    error_deg = log_uniform(rng, DEGRADED_POSE_ERROR_DEG) if error_deg is None else error_deg
     turns = Rotation.from_rotvec(rng.normal(0, np.radians(error_deg), (len(trajectory), 3)))
     rotations = turns.as_matrix() @ trajectory.rotations
     shifts_m = rng.normal(0, error_deg * SHIFT_M_PER_DEG, (len(trajectory), 3))
@@ -148,7 +157,7 @@ def disturbed(
     return replace(trajectory, rotations=rotations, translations=translations)
 
 
-def _path(rng: np.random.Generator, orbit: PathBlock) -> PathBlock:
+def _draw_path(rng: np.random.Generator, orbit: PathBlock) -> PathBlock:
     """The orbit of the scene, walked by hand, or lanes above it."""
     match rng.choice(["orbit", "handheld", "lawn_mower"], p=[0.45, 0.35, 0.2]):
         case "handheld":

@@ -12,14 +12,16 @@ from geometry.arrays import GreyImage
 from locate.recording.writer import H264, open_video
 
 
-def jpeg(images: Sequence[GreyImage], _fps: float, *, quality: int) -> list[GreyImage]:
+def compress_jpeg(images: Sequence[GreyImage], _fps: float, *, quality: int) -> list[GreyImage]:
     """The frames as JPEG files of that quality, 1 to 100."""
     options = [cv2.IMWRITE_JPEG_QUALITY, quality]
     files = [cv2.imencode(".jpg", image, options)[1] for image in images]
     return [np.asarray(cv2.imdecode(file, cv2.IMREAD_GRAYSCALE), np.uint8) for file in files]
 
 
-def h264(images: Sequence[GreyImage], fps: float, *, bits_per_pixel: float) -> list[GreyImage]:
+def compress_h264(
+    images: Sequence[GreyImage], fps: float, *, bits_per_pixel: float
+) -> list[GreyImage]:
     """The frames as an H.264 video of that mean rate, from an encoder with a steady hand."""
     height, width = images[0].shape
     rate = round(bits_per_pixel * width * height * fps)

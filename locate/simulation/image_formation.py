@@ -9,7 +9,7 @@ from locate.simulation.scene import ImageBlock
 GAMMA = 2.2
 
 
-def expose(radiance: FloatMap, image: ImageBlock, rng: np.random.Generator) -> GreyImage:
+def expose_image(radiance: FloatMap, image: ImageBlock, rng: np.random.Generator) -> GreyImage:
     """Lens blur, pixel area, tone curve, noise, 8 bit.
 
     Args:
@@ -23,10 +23,10 @@ def expose(radiance: FloatMap, image: ImageBlock, rng: np.random.Generator) -> G
     if image.psf_sigma_px:
         radiance = cv2.GaussianBlur(radiance, (0, 0), image.psf_sigma_px * image.samples)
     light = np.clip(area_mean(radiance, image.samples) * image.gain, 0, None)
-    return develop(255 * light ** (1 / GAMMA), image, rng)
+    return digitise_grey(255 * light ** (1 / GAMMA), image, rng)
 
 
-def develop(grey: FloatMap, image: ImageBlock, rng: np.random.Generator) -> GreyImage:
+def digitise_grey(grey: FloatMap, image: ImageBlock, rng: np.random.Generator) -> GreyImage:
     """Adds sensor noise to grey values of 0 to 255, and rounds to 8 bit."""
     noisy = grey + image.noise * rng.standard_normal(grey.shape, dtype=np.float32)
     return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)

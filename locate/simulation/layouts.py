@@ -19,8 +19,8 @@ from locate.simulation.scene import (
     WallObject,
 )
 
-WALLS = ("brick", "concrete", "block", "cladding")
-CRATES = ("planks", "steel", "concrete", "plate", "cladding")
+WALL_MATERIALS = ("brick", "concrete", "block", "cladding")
+CRATE_MATERIALS = ("planks", "steel", "concrete", "plate", "cladding")
 YARD_M = 3.0
 """Around the origin, where the leak stands: kept clear of tall things."""
 
@@ -45,7 +45,7 @@ def random_scene(
         arc_deg: Length of the orbit.
     """
     rng = np.random.default_rng([seed, 11])
-    source, yard = _leak(rng)
+    source, yard = _draw_leak(rng)
     radius_m = rng.uniform(7.0, 10.0)
     path = PathBlock(
         kind="orbit",
@@ -60,7 +60,14 @@ def random_scene(
     ground = GroundObject(
         kind="ground", material=str(rng.choice(["gravel", "asphalt", "concrete"]))
     )
-    objects = [ground, *_walls(rng), *yard, *_tanks(rng), *_crates(rng), *_poles(rng)]
+    objects = [
+        ground,
+        *_draw_walls(rng),
+        *yard,
+        *_draw_tanks(rng),
+        *_draw_crates(rng),
+        *_draw_poles(rng),
+    ]
     leak = PlumeSpec(
         source=source,
         radius_m=rng.uniform(0.1, 0.17),
@@ -81,7 +88,7 @@ def random_scene(
     )
 
 
-def _leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
+def _draw_leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
     """The exit of the leak near the origin, and what it stands on."""
     x, y = rng.uniform(-0.6, 0.6, 2)
     below: list[SceneObject]
@@ -106,7 +113,7 @@ def _leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
                     center=(x, y, height / 2),
                     size=size,
                     yaw_deg=rng.uniform(0, 90),
-                    material=str(rng.choice(CRATES)),
+                    material=str(rng.choice(CRATE_MATERIALS)),
                 )
             ]
             foot = height
@@ -125,7 +132,7 @@ def _leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
     return (x, y, top), [*below, nozzle]
 
 
-def _walls(rng: np.random.Generator) -> list[SceneObject]:
+def _draw_walls(rng: np.random.Generator) -> list[SceneObject]:
     """A broken front behind the yard, and a wing on either side."""
     split = rng.uniform(-4, 4)
     back = rng.uniform(5.0, 8.0, 4)
@@ -136,7 +143,7 @@ def _walls(rng: np.random.Generator) -> list[SceneObject]:
         ((-left, back[0]), (-left - 1.5, -3)),
         ((right, back[3]), (right + 1.5, -3)),
     ]
-    picks = rng.permutation(WALLS)
+    picks = rng.permutation(WALL_MATERIALS)
     walls: list[SceneObject] = []
     lowest = (7.0, 7.0, 4.5, 4.5)
     for (start, end), material, least in zip(corners, picks, lowest, strict=True):
@@ -162,7 +169,7 @@ def _walls(rng: np.random.Generator) -> list[SceneObject]:
     return walls
 
 
-def _tanks(rng: np.random.Generator) -> list[SceneObject]:
+def _draw_tanks(rng: np.random.Generator) -> list[SceneObject]:
     tanks: list[SceneObject] = []
     for side in (-1, 1):
         if rng.random() < 0.75:
@@ -179,7 +186,7 @@ def _tanks(rng: np.random.Generator) -> list[SceneObject]:
     return tanks
 
 
-def _crates(rng: np.random.Generator) -> list[SceneObject]:
+def _draw_crates(rng: np.random.Generator) -> list[SceneObject]:
     crates: list[SceneObject] = []
     for _ in range(rng.integers(4, 8)):
         size = rng.uniform(0.5, 1.5, 3)
@@ -191,13 +198,13 @@ def _crates(rng: np.random.Generator) -> list[SceneObject]:
                 center=(x, y, size[2] / 2),
                 size=(size[0], size[1], size[2]),
                 yaw_deg=rng.uniform(0, 90),
-                material=str(rng.choice(CRATES)),
+                material=str(rng.choice(CRATE_MATERIALS)),
             )
         )
     return crates
 
 
-def _poles(rng: np.random.Generator) -> list[SceneObject]:
+def _draw_poles(rng: np.random.Generator) -> list[SceneObject]:
     poles: list[SceneObject] = []
     for _ in range(rng.integers(2, 5)):
         x = rng.uniform(YARD_M, 9) * rng.choice([-1, 1])

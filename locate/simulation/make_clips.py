@@ -19,7 +19,7 @@ from detect.learning.clips import Leaks, TrainingClip, clip_path
 from detect.synthesis.raster import photos_in
 from geometry.errors import LocateError
 from locate.simulation.clips import draw_clip_scene, make_photo_clip
-from locate.simulation.nuisances import some_nuisances
+from locate.simulation.nuisances import draw_nuisances
 from locate.simulation.photo_set import PhotoSet
 from locate.simulation.photo_set_clips import make_photo_set_clip
 
@@ -50,11 +50,11 @@ def write_photo_clips(
     for seed in seeds:
         if clip_path(folder, seed).exists():
             continue
-        drawn = () if rough else some_nuisances(draw_clip_scene(seed).random(25))
+        drawn = () if rough else draw_nuisances(draw_clip_scene(seed).random_stream(25))
         names = drawn if nuisances is None else nuisances
         clip = make_photo_clip(seed, photos, leaks=leaks, plume=plume, nuisances=names, rough=rough)
         about = {"leaks": leaks, "nuisances": list(names), "rough": rough}
-        keep(clip, folder, seed, {"kind": "photos", **about})
+        save_clip(clip, folder, seed, {"kind": "photos", **about})
 
 
 def write_photo_set_clips(photo_set: Path, seeds: Sequence[int], folder: Path) -> None:
@@ -69,10 +69,10 @@ def write_photo_set_clips(photo_set: Path, seeds: Sequence[int], folder: Path) -
     for seed in seeds:
         if not clip_path(folder, seed).exists():
             clip = make_photo_set_clip(photos, seed, flow_seed=seed // CLIPS_PER_FLOW)
-            keep(clip, folder, seed, {"kind": "set", "set": photo_set.name})
+            save_clip(clip, folder, seed, {"kind": "set", "set": photo_set.name})
 
 
-def keep(clip: TrainingClip, folder: Path, seed: int, about: dict[str, object]) -> None:
+def save_clip(clip: TrainingClip, folder: Path, seed: int, about: dict[str, object]) -> None:
     """Writes a training clip, and a line about it."""
     folder.mkdir(parents=True, exist_ok=True)
     clip.save(clip_path(folder, seed))
@@ -100,12 +100,12 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     try:
-        _write(arguments)
+        _write_clips(arguments)
     except LocateError as error:
         parser.exit(error.exit_code, f"error: {error}\n")
 
 
-def _write(arguments: argparse.Namespace) -> None:
+def _write_clips(arguments: argparse.Namespace) -> None:
     seeds = range(*arguments.seeds)
     if arguments.kind == "sets":
         write_photo_set_clips(arguments.set, seeds, arguments.output)

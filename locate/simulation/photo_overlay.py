@@ -11,13 +11,13 @@ from scipy.ndimage import map_coordinates, spline_filter
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.simulation.image_formation import area_mean, develop
+from locate.simulation.image_formation import area_mean, digitise_grey
 from locate.simulation.photo_set import PhotoSet
 from locate.simulation.plume_field import PlumeField, visible_percentile
-from locate.simulation.recording import Progress, silent
+from locate.simulation.recording import Progress, ignore_progress
 from locate.simulation.render import MASK_SHARE, NEGLIGIBLE_PX, RenderedTruth, apparent_shift
 from locate.simulation.scene import ImageBlock, PlumeSpec, Scene
-from locate.simulation.writer import FrameFolder, make_folder, write_summary, write_truth
+from locate.simulation.writer import PngFrameFolder, make_folder, write_summary, write_truth
 
 COARSE_PX = 8
 ENOUGH_POINTS = 20
@@ -27,7 +27,9 @@ BACKGROUND_FACTOR = 1.6
 """Range of the background over that of the plume, where a photo set has no points."""
 
 
-def render_onto(scene: Scene, photos: Path, output: Path, *, progress: Progress = silent) -> None:
+def render_onto(
+    scene: Scene, photos: Path, output: Path, *, progress: Progress = ignore_progress
+) -> None:
     """Renders the plumes of a scene onto a real posed photo set.
 
     Every pixel is resampled alike, displaced or not (a spline passes through its own pixels): the
@@ -49,23 +51,25 @@ def render_onto(scene: Scene, photos: Path, output: Path, *, progress: Progress 
     """
     photo_set = PhotoSet.load(photos)
     make_folder(output)
-    scene = _in_turned_world(scene, photo_set)
+    scene = _turn_scene(scene, photo_set)
     factor = max(2, round(photo_set.trajectory.camera.width / scene.camera.width))
     trajectory = output_trajectory(photo_set.trajectory, factor, scene.video.fps)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = OntoRenderer(trajectory, photo_set, fields)
-    folder = FrameFolder(output)
+    renderer = OverlayRenderer(trajectory, photo_set, fields)
+    folder = PngFrameFolder(output)
     for i in range(len(trajectory)):
-        truth = renderer.truth(i)
-        photo = photo_set.image(i)
-        image = displace(photo, truth.displacement, factor, scene.image, scene.random(4, i))
+        truth = renderer.frame_truth(i)
+        photo = photo_set.read_image(i)
+        image = displace_photo(
+            photo, truth.displacement, factor, scene.image, scene.random_stream(4, i)
+        )
         folder.write(image)
         write_truth(output, i, truth)
         progress(i + 1, len(trajectory))
     write_summary(output, trajectory, fields, renderer.amplitudes_px)
 
 
-def displace(
+def displace_photo(
     photo: GreyImage,
     displacement: FloatMap,
     factor: int,
@@ -91,11 +95,11 @@ def displace(
     rows, columns = (np.flatnonzero(w.any(axis=(axis, 2))) for axis in (1, 0))
     if len(rows):
         part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        fine[part] = _read(fine, part, w[part])
-    return develop(area_mean(fine, factor), image, rng)
+        fine[part] = _read_displaced(fine, part, w[part])
+    return digitise_grey(area_mean(fine, factor), image, rng)
 
 
-def _read(picture: FloatMap, part: tuple[slice, slice], w: FloatMap) -> FloatMap:
+def _read_displaced(picture: FloatMap, part: tuple[slice, slice], w: FloatMap) -> FloatMap:
     """The part of a picture, displaced by w; where w is 0 the spline passes through the pixels."""
     reach = SPLINE_REACH_PX + int(np.abs(w).max())
     window = tuple(slice(max(side.start - reach, 0), side.stop + reach) for side in part)
@@ -106,7 +110,7 @@ def _read(picture: FloatMap, part: tuple[slice, slice], w: FloatMap) -> FloatMap
     return np.asarray(read, dtype=np.float32)
 
 
-class OntoRenderer:
+class OverlayRenderer:
     """The displacement of plumes before a photo set."""
 
     def __init__(
@@ -118,24 +122,24 @@ class OntoRenderer:
         self._depths: dict[int, FloatMap] = {}
         camera = trajectory.camera
         self._rays = camera.rays(camera.pixel_grid())
-        self.amplitudes_px = [self._calibrate(field) for field in fields]
+        self.amplitudes_px = [self._calibrate_gain(field) for field in fields]
 
-    def truth(self, i: int) -> RenderedTruth:
+    def frame_truth(self, i: int) -> RenderedTruth:
         """What is true of photo `i`."""
-        depth = self._depth(i)
+        depth = self._surface_depth(i)
         w = np.zeros((*depth.shape, 2), dtype=np.float32)
         for field in self._fields:
-            w += self._displacement(field, i, depth)
+            w += self._plume_displacement(field, i, depth)
         weakest = min(self.amplitudes_px, default=0.0)
         mask = np.linalg.norm(w, axis=-1) > max(MASK_SHARE * weakest, NEGLIGIBLE_PX)
         return RenderedTruth(displacement=w, mask=mask, depth=depth)
 
-    def _displacement(self, field: PlumeField, i: int, depth: FloatMap) -> FloatMap:
+    def _plume_displacement(self, field: PlumeField, i: int, depth: FloatMap) -> FloatMap:
         rotation = self._trajectory.rotations[i]
         directions = (self._rays.reshape(-1, 3) @ rotation).astype(np.float32)
         ends = np.asarray(depth.ravel() / self._rays[..., 2].ravel(), dtype=np.float32)
-        bend = field.bend(i, self._trajectory.centers_in_world[i], directions)
-        deflection = bend.deflection * bend.before(ends)[:, None]
+        bend = field.bend_rays(i, self._trajectory.centers_in_world[i], directions)
+        deflection = bend.deflection * bend.share_before(ends)[:, None]
         bent = np.flatnonzero(np.abs(deflection).max(axis=1) > 0)
         w = np.zeros((len(directions), 2), dtype=np.float32)
         w[bent] = apparent_shift(
@@ -148,14 +152,17 @@ class OntoRenderer:
         )
         return w.reshape(*depth.shape, 2)
 
-    def _calibrate(self, field: PlumeField) -> float:
+    def _calibrate_gain(self, field: PlumeField) -> float:
         """Sets the gain of a plume to reach its amplitude; returns the amplitude."""
         frames = range(len(self._trajectory))
-        sizes = [visible_percentile(self._displacement(field, i, self._depth(i))) for i in frames]
+        sizes = [
+            visible_percentile(self._plume_displacement(field, i, self._surface_depth(i)))
+            for i in frames
+        ]
         seen = [size for size in sizes if size > 0]
         return field.scale_to(float(np.mean(seen)) if seen else 0.0)
 
-    def _depth(self, i: int) -> FloatMap:
+    def _surface_depth(self, i: int) -> FloatMap:
         """(H, W) of the surfaces along the optical axis."""
         if i not in self._depths:
             self._depths[i] = self._measured_depth(i)
@@ -168,7 +175,7 @@ class OntoRenderer:
         inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
         if inside.sum() < ENOUGH_POINTS:
             return np.full((camera.height, camera.width), self._plane_m(i), dtype=np.float32)
-        return _densified(pixels[inside], 1 / in_cam[inside, 2], camera)
+        return _densify_depth(pixels[inside], 1 / in_cam[inside, 2], camera)
 
     def _plane_m(self, i: int) -> float:
         sources = np.array([field.plume.source for field in self._fields]).reshape(-1, 3)
@@ -176,7 +183,7 @@ class OntoRenderer:
         return BACKGROUND_FACTOR * float(max(depths.max(initial=0.0), 1e-3))
 
 
-def _densified(pixels: FloatArray, inverse_depth: FloatArray, camera: Camera) -> FloatMap:
+def _densify_depth(pixels: FloatArray, inverse_depth: FloatArray, camera: Camera) -> FloatMap:
     """(H, W) depth from sparse points: inverse depth, linear between them, nearest outside."""
     y, x = np.mgrid[0 : camera.height : COARSE_PX, 0 : camera.width : COARSE_PX]
     linear = LinearNDInterpolator(pixels, inverse_depth)(x, y)
@@ -187,7 +194,7 @@ def _densified(pixels: FloatArray, inverse_depth: FloatArray, camera: Camera) ->
     return np.asarray(1 / cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR))
 
 
-def _in_turned_world(scene: Scene, photo_set: PhotoSet) -> Scene:
+def _turn_scene(scene: Scene, photo_set: PhotoSet) -> Scene:
     """The scene for the world with Z up, as long as the photo set."""
 
     def turned(plume: PlumeSpec) -> PlumeSpec:

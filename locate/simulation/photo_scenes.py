@@ -10,58 +10,58 @@ import numpy as np
 
 from detect.synthesis.sample import log_uniform
 from locate.simulation.billboards import Billboard, lay_billboard, stand_billboard
-from locate.simulation.capture import Take
-from locate.simulation.outlines import blob, bush
+from locate.simulation.capture import CaptureSetup
+from locate.simulation.outlines import bush_outline, patch_outline
 from locate.simulation.scene import PlumeSpec, Scene
 
-PICTURES = 6
+PHOTOS_PER_SCENE = 6
 TEXEL_SHARE = (0.35, 1.2)
 """Width of a photo's pixel over that of a camera's pixel where the plume stands."""
-SCENES_A_FLOW = 10
+SCENES_PER_FLOW = 10
 
 
-def photo_take(scene: Scene, photos: Sequence[Path]) -> Take:
+def make_photo_capture(scene: Scene, photos: Sequence[Path]) -> CaptureSetup:
     """The camera and the plume of a scene, amid photos instead of its objects.
 
     Args:
         scene: Its path looks across the origin towards y, or down.
         photos: To draw a few from.
     """
-    rng = scene.random(22)
-    chosen = tuple(photos[i] for i in rng.choice(len(photos), PICTURES, replace=False))
+    rng = scene.random_stream(22)
+    chosen = tuple(photos[i] for i in rng.choice(len(photos), PHOTOS_PER_SCENE, replace=False))
     pixel_m = scene.path.radius_m / scene.camera.focal_px
     billboards = [
-        *_backdrop(rng, pixel_m, scene.path.kind == "lawn_mower"),
-        *_cut_outs(rng, pixel_m),
+        *_draw_backdrop(rng, pixel_m, scene.path.kind == "lawn_mower"),
+        *_draw_cut_outs(rng, pixel_m),
     ]
-    plumes = tuple(_shared_flow(plume, scene.seed // SCENES_A_FLOW) for plume in scene.plumes)
+    plumes = tuple(_share_flow(plume, scene.seed // SCENES_PER_FLOW) for plume in scene.plumes)
     scene = scene.model_copy(update={"objects": (), "plumes": plumes})
-    return Take(scene=scene, photos=chosen, billboards=tuple(billboards))
+    return CaptureSetup(scene=scene, photos=chosen, billboards=tuple(billboards))
 
 
-def _backdrop(rng: np.random.Generator, pixel_m: float, from_above: bool) -> list[Billboard]:
+def _draw_backdrop(rng: np.random.Generator, pixel_m: float, from_above: bool) -> list[Billboard]:
     """A wall, perhaps with a nearer one beside it, and perhaps ground."""
     far = rng.uniform(2.5, 8)
     height = rng.uniform(2.5, 6) if rng.random() < 0.35 else 100.0
-    billboards = [_wall(rng, pixel_m, (-60.0, far), (120.0, height))]
+    billboards = [_draw_wall(rng, pixel_m, (-60.0, far), (120.0, height))]
     if rng.random() < 0.4:
         edge, near = rng.uniform(-2, 2), rng.uniform(1.0, far)
         size = (60.0, rng.uniform(2, 8))
         start = edge if rng.random() < 0.5 else edge - size[0]
-        billboards.append(_wall(rng, pixel_m, (start, near), size, slant_deg=8))
+        billboards.append(_draw_wall(rng, pixel_m, (start, near), size, slant_deg=8))
     if from_above or rng.random() < 0.65:
         ground = lay_billboard(
             0.0,
             0.0,
             rng.uniform(-0.6, 0.2),
-            photo=int(rng.integers(PICTURES)),
+            photo=int(rng.integers(PHOTOS_PER_SCENE)),
             texel_m=pixel_m * log_uniform(rng, TEXEL_SHARE),
         )
         billboards.append(ground)
     return billboards
 
 
-def _wall(
+def _draw_wall(
     rng: np.random.Generator,
     pixel_m: float,
     start: tuple[float, float],
@@ -77,16 +77,16 @@ def _wall(
         -2.0,
         yaw_deg,
         size_m=(size_m[0], size_m[1] + 2),
-        photo=int(rng.integers(PICTURES)),
+        photo=int(rng.integers(PHOTOS_PER_SCENE)),
         texel_m=1.3 * pixel_m * log_uniform(rng, TEXEL_SHARE),
     )
 
 
-def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Billboard]:
+def _draw_cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Billboard]:
     """Up to eight posters, patches, bushes and posts, before and behind the plume."""
     billboards = []
     for _ in range(rng.integers(0, 9)):
-        cover = (None, blob(rng), bush(rng), None)[rng.integers(4)]
+        cover = (None, patch_outline(rng), bush_outline(rng), None)[rng.integers(4)]
         width, height = rng.uniform(0.4, 3.0, 2)
         if cover is None and rng.random() < 0.5:
             width, height = rng.uniform(0.08, 0.3), rng.uniform(2, 6)
@@ -99,7 +99,7 @@ def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Billboard]:
             z,
             rng.uniform(-50, 50),
             size_m=(width, height),
-            photo=int(rng.integers(PICTURES)),
+            photo=int(rng.integers(PHOTOS_PER_SCENE)),
             texel_m=pixel_m * log_uniform(rng, TEXEL_SHARE),
             cover=cover,
         )
@@ -107,7 +107,7 @@ def _cut_outs(rng: np.random.Generator, pixel_m: float) -> list[Billboard]:
     return billboards
 
 
-def _shared_flow(plume: PlumeSpec, flow_seed: int) -> PlumeSpec:
+def _share_flow(plume: PlumeSpec, flow_seed: int) -> PlumeSpec:
     """The plume with a flow that several scenes share, as it costs more than all the rest."""
     if plume.flow_seed is not None:
         return plume

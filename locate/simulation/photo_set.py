@@ -48,14 +48,14 @@ class PhotoSet:
         """
         if not folder.is_dir():
             raise BadInputError(f"{folder}: not a folder of posed photos")
-        names, trajectory, points = _read(folder)
+        names, trajectory, points = _read_poses(folder)
         if not names:
             raise BadInputError(f"{folder}: its poses name no photo")
         trajectory = replace(
             trajectory, indices=np.arange(len(names)), times_s=np.zeros(len(names))
         )
         turn = Similarity(
-            scale=1.0, rotation=_upright(trajectory.rotations), translation=np.zeros(3)
+            scale=1.0, rotation=_turn_upright(trajectory.rotations), translation=np.zeros(3)
         )
         return cls(
             paths=tuple(_find_photo(folder, name) for name in names),
@@ -64,7 +64,7 @@ class PhotoSet:
             target_from_photos=turn,
         )
 
-    def image(self, i: int) -> GreyImage:
+    def read_image(self, i: int) -> GreyImage:
         """Photo `i` in grey, of the size its camera says.
 
         Raises:
@@ -82,10 +82,10 @@ class PhotoSet:
         return np.asarray(image, dtype=np.uint8)
 
 
-Content = tuple[tuple[str, ...], Trajectory, FloatArray]
+PosedNames = tuple[tuple[str, ...], Trajectory, FloatArray]
 
 
-def _read(folder: Path) -> Content:
+def _read_poses(folder: Path) -> PosedNames:
     """Names and poses of the photos, and (M, 3) sparse points where the source has any."""
     if model := _colmap_folder(folder):
         named = read_named_poses(model)
@@ -101,7 +101,7 @@ def _read(folder: Path) -> Content:
     )
 
 
-def _read_transforms(path: Path) -> Content:
+def _read_transforms(path: Path) -> PosedNames:
     """Leaves out the poses without a photo, as such files list frames that were dropped."""
     named = read_named_poses(path)
     rows = [i for i, name in enumerate(named.names) if (path.parent / name).is_file()]
@@ -122,7 +122,7 @@ def _colmap_folder(folder: Path) -> Path | None:
     return next((p for p in places if any((p / kind).exists() for kind in kinds)), None)
 
 
-def _read_strecha(folder: Path) -> Content:
+def _read_strecha(folder: Path) -> PosedNames:
     paths = sorted(folder.rglob("*.camera"))
     numbers = np.array([_camera_numbers(path) for path in paths])
     names = tuple(path.name.removesuffix(".camera") for path in paths)
@@ -159,7 +159,7 @@ def _photo_size(photo: Path) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
 
-def _upright(rotations: FloatArray) -> FloatArray:
+def _turn_upright(rotations: FloatArray) -> FloatArray:
     """The (3, 3) turn that makes Z of the signed world axis nearest to the photos' mean up."""
     up = -rotations[:, 1].mean(axis=0)
     axis = int(np.abs(up).argmax())

@@ -13,9 +13,9 @@ from geometry.errors import BadInputError
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.recording.images import distortion_map
-from locate.simulation.capture import Footage
-from locate.simulation.clips import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, clip_of_frames
-from locate.simulation.photo_overlay import OntoRenderer, displace, output_trajectory
+from locate.simulation.capture import RenderedFrames
+from locate.simulation.clips import AMPLITUDE_PX, KEY_FRAMES, SIDE_PX, build_clip
+from locate.simulation.photo_overlay import OverlayRenderer, displace_photo, output_trajectory
 from locate.simulation.photo_set import PhotoSet
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.scene import ImageBlock, PlumeSpec, Scene, VideoBlock
@@ -28,12 +28,12 @@ DEPTH_SHARE = (0.35, 0.7)
 """Where on the way to the surface the plume stands."""
 PHOTOS_A_SECOND = 5.0
 LEAST_FACTOR = 2
-ONE_FINER = 0.3
+FINER_SHARE = 0.3
 """How often a photo is reduced by one less than it could be for a frame of a clip's size."""
-AS_IT_IS = 0.6
+UNREDUCED_SHARE = 0.6
 """How many of the sets without a plume are not reduced."""
-TRIES, WINDOWS = 6, 3
-CENTRAL = 0.25
+WINDOW_TRIES, WINDOWS = 6, 3
+CENTRAL_SHARE = 0.25
 
 
 def make_photo_set_clip(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> TrainingClip:
@@ -52,47 +52,53 @@ def make_photo_set_clip(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> T
             f"{photos.paths[0].parent}: its poses come without sparse points; give a COLMAP model"
         )
     rng = np.random.default_rng([seed, 31])
-    photos = _scaled(photos, rng)
-    most = min(n // side for n, side in zip(_size(photos.trajectory), SIDE_PX, strict=True))
-    factor = max(LEAST_FACTOR, most - int(rng.random() < ONE_FINER))
+    photos = _scale_set(photos, rng)
+    most = min(n // side for n, side in zip(_image_size(photos.trajectory), SIDE_PX, strict=True))
+    factor = max(LEAST_FACTOR, most - int(rng.random() < FINER_SHARE))
     plume_free = rng.random() < PLUME_FREE
-    if plume_free and rng.random() < AS_IT_IS:
+    if plume_free and rng.random() < UNREDUCED_SHARE:
         factor = 1
     trajectory = output_trajectory(photos.trajectory, factor, PHOTOS_A_SECOND)
     scene = Scene(
         seed=seed,
         video=VideoBlock(frames=len(photos.paths), fps=PHOTOS_A_SECOND),
         image=ImageBlock(noise=log_uniform(rng, NOISE)),
-        plumes=() if plume_free else (_plume(photos, trajectory, rng, flow_seed),),
+        plumes=() if plume_free else (_draw_plume(photos, trajectory, rng, flow_seed),),
     )
-    footage = _filmed(scene, photos, trajectory, factor)
-    frames = Frames(images=footage.images, trajectory=footage.trajectory)
+    rendered = _render_set(scene, photos, trajectory, factor)
+    frames = Frames(images=rendered.images, trajectory=rendered.trajectory)
     keys = rng.choice(len(frames), min(KEY_FRAMES, len(frames)), replace=False)
-    return _cropped(clip_of_frames(frames, footage, sorted(int(key) for key in keys)), rng)
+    return _crop_windows(build_clip(frames, rendered, sorted(int(key) for key in keys)), rng)
 
 
-def _filmed(scene: Scene, photos: PhotoSet, trajectory: Trajectory, factor: int) -> Footage:
+def _render_set(
+    scene: Scene, photos: PhotoSet, trajectory: Trajectory, factor: int
+) -> RenderedFrames:
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = OntoRenderer(trajectory, photos, fields)
-    truths = [renderer.truth(i) for i in range(len(trajectory))]
-    images = [_straight(photos, i) for i in range(len(photos.paths))]
+    renderer = OverlayRenderer(trajectory, photos, fields)
+    truths = [renderer.frame_truth(i) for i in range(len(trajectory))]
+    images = [_undistort_photo(photos, i) for i in range(len(photos.paths))]
     if factor > 1:
         images = [
-            displace(image, truth.displacement, factor, scene.image, scene.random(4, i))
+            displace_photo(
+                image, truth.displacement, factor, scene.image, scene.random_stream(4, i)
+            )
             for i, (image, truth) in enumerate(zip(images, truths, strict=True))
         ]
     amplitude_px = max(renderer.amplitudes_px, default=0.0)
-    return Footage(images=images, truths=truths, trajectory=trajectory, amplitude_px=amplitude_px)
+    return RenderedFrames(
+        images=images, truths=truths, trajectory=trajectory, amplitude_px=amplitude_px
+    )
 
 
-def _straight(photos: PhotoSet, i: int) -> GreyImage:
+def _undistort_photo(photos: PhotoSet, i: int) -> GreyImage:
     """Photo `i` as the undistorted camera would have taken it."""
     places = distortion_map(photos.trajectory.camera)
-    image = photos.image(i)
+    image = photos.read_image(i)
     return image if places is None else np.rint(sample(image, places)).clip(0, 255).astype(np.uint8)
 
 
-def _scaled(photos: PhotoSet, rng: np.random.Generator) -> PhotoSet:
+def _scale_set(photos: PhotoSet, rng: np.random.Generator) -> PhotoSet:
     """The set in a world where its surfaces are some ten metres away."""
     middle = len(photos.paths) // 2
     depth = np.median(photos.trajectory.world_to_cam(middle, photos.points_in_world)[:, 2])
@@ -105,14 +111,14 @@ def _scaled(photos: PhotoSet, rng: np.random.Generator) -> PhotoSet:
     )
 
 
-def _plume(
+def _draw_plume(
     photos: PhotoSet, trajectory: Trajectory, rng: np.random.Generator, flow_seed: int
 ) -> PlumeSpec:
     """A leak between the camera of a middle photo and what that shows there."""
     shape = np.random.default_rng([flow_seed, 32])
     count = len(trajectory)
     i = int(rng.integers(count // 4, count - count // 4))
-    source = _place(photos.points_in_world, trajectory, i, rng)
+    source = _draw_source(photos.points_in_world, trajectory, i, rng)
     return PlumeSpec(
         source=(float(source[0]), float(source[1]), float(source[2])),
         radius_m=shape.uniform(0.1, 0.17),
@@ -123,25 +129,29 @@ def _plume(
     )
 
 
-def _place(
+def _draw_source(
     points_in_world: FloatArray, trajectory: Trajectory, i: int, rng: np.random.Generator
 ) -> FloatArray:
     """(3,) in front of a random one of the points in the middle of frame `i`, or the next to it."""
     pixels = trajectory.project(i, points_in_world)
-    aside = np.nan_to_num(np.abs(pixels / _size(trajectory) - 0.5).max(axis=1), nan=np.inf)
-    central = aside <= max(CENTRAL, aside.min())
+    aside = np.nan_to_num(np.abs(pixels / _image_size(trajectory) - 0.5).max(axis=1), nan=np.inf)
+    central = aside <= max(CENTRAL_SHARE, aside.min())
     point = points_in_world[rng.choice(np.flatnonzero(central))]
     center = trajectory.centers_in_world[i]
     return np.asarray(center + rng.uniform(*DEPTH_SHARE) * (point - center))
 
 
-def _cropped(clip: TrainingClip, rng: np.random.Generator) -> TrainingClip:
+def _crop_windows(clip: TrainingClip, rng: np.random.Generator) -> TrainingClip:
     """Windows of the size of other clips, those of some random ones that have the most plume."""
     width, height = SIDE_PX
     size = np.abs(clip.displacements).max(axis=-1).astype(np.float32)
     spare_y, spare_x = size.shape[1] - height, size.shape[2] - width
     tries = np.stack(
-        [rng.integers(spare_y + 1, size=TRIES), rng.integers(spare_x + 1, size=TRIES)], axis=1
+        [
+            rng.integers(spare_y + 1, size=WINDOW_TRIES),
+            rng.integers(spare_x + 1, size=WINDOW_TRIES),
+        ],
+        axis=1,
     )
     windows = [np.s_[y : y + height, x : x + width] for y, x in tries.tolist()]
     shares = [float(size[:, *window].sum()) for window in windows]
@@ -154,5 +164,5 @@ def _cropped(clip: TrainingClip, rng: np.random.Generator) -> TrainingClip:
     )
 
 
-def _size(trajectory: Trajectory) -> tuple[int, int]:
+def _image_size(trajectory: Trajectory) -> tuple[int, int]:
     return trajectory.camera.width, trajectory.camera.height

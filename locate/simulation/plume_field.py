@@ -18,16 +18,16 @@ FADE_SHARE = 0.2
 COLUMN_RADII = 5.0
 CELLS_PER_RADIUS = 5
 COLUMN_RISE_MPS = 1.0
-SLOPE = np.array([1, -8, 0, 8, -1]) / 12
+CENTRAL_DIFFERENCE = np.array([1, -8, 0, 8, -1]) / 12
 """The fourth-order central difference."""
-EMPTY = 2e-3
+EMPTY_TRACER = 2e-3
 STEP_CELLS = 1.4
-CLEARLY_VISIBLE = 0.1
+FOOTPRINT_SHARE = 0.1
 PERCENTILE = 95
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bend:
+class RayBend:
     """What a plume does to N rays, each bent once.
 
     Attributes:
@@ -40,7 +40,7 @@ class Bend:
     range_m: FloatMap
     spread_m: FloatMap
 
-    def before(self, range_m: FloatMap) -> FloatMap:
+    def share_before(self, range_m: FloatMap) -> FloatMap:
         """(N,) share of the bending that a ray has undergone when it ends at `range_m`.
 
         The bending is taken as even over a stretch with this mean and spread.
@@ -69,13 +69,13 @@ class PlumeField:
         self.upward = 1.0 if deficit >= 0 else -1.0
         self.gain = 1.0
         if plume.kind == "gaussian":
-            self._gaussian(scene)
+            self._fill_gaussian(scene)
         else:
-            self._buoyant(scene, max(abs(deficit), 0.02), number)
+            self._fill_buoyant(scene, max(abs(deficit), 0.02), number)
         tilted = np.array([*self._lean, self.upward])
         self.axis_in_world = tilted / np.linalg.norm(tilted)
 
-    def _gaussian(self, scene: Scene) -> None:
+    def _fill_gaussian(self, scene: Scene) -> None:
         self.cell_m = self.plume.voxel_m or self.plume.radius_m / CELLS_PER_RADIUS
         half = int(COLUMN_RADII * self.plume.radius_m / self.cell_m)
         x = np.arange(-half, half + 1) * self.cell_m
@@ -85,14 +85,14 @@ class PlumeField:
         self._tracers = [column] * scene.video.frames
         self._lean = np.array(scene.wind_mps) / COLUMN_RISE_MPS
 
-    def _buoyant(self, scene: Scene, deficit: float, number: int) -> None:
+    def _fill_buoyant(self, scene: Scene, deficit: float, number: int) -> None:
         used = int(CELLS[2] * USED_SHARE)
         plume = self.plume
         self.cell_m = plume.voxel_m or plume.height_m / used
         seed = scene.seed if plume.flow_seed is None else plume.flow_seed
         times = (scene.video.frames, scene.video.fps)
         exit_ = (self.cell_m, plume.radius_m, deficit, plume.exit_mps)
-        self._tracers, rise_mps = _rising((seed, 3, number), times, exit_)
+        self._tracers, rise_mps = _simulate_rise((seed, 3, number), times, exit_)
         self._lean = np.array(scene.wind_mps) / max(rise_mps, 0.1)
 
     def scale_to(self, amplitude_px: float) -> float:
@@ -112,13 +112,13 @@ class PlumeField:
 
     def _index_gradient(self, frame: int) -> FloatMap:
         """(3, X, Y, Z) gradient of n in the world, 1/m, on the cells."""
-        n = self._refractivity(self._tracers[frame]) - refractivity()
-        slope = SLOPE * self.gain / self.cell_m
+        n = self._tracer_refractivity(self._tracers[frame]) - refractivity()
+        slope = CENTRAL_DIFFERENCE * self.gain / self.cell_m
         gx, gy, gz = (correlate1d(n, slope, axis=axis, mode="nearest") for axis in range(3))
         gz = gz - self._lean[0] * gx - self._lean[1] * gy
         return np.asarray([gx, gy, gz * self.upward], dtype=np.float32)
 
-    def _refractivity(self, tracer: FloatMap) -> FloatArray:
+    def _tracer_refractivity(self, tracer: FloatMap) -> FloatArray:
         """N - 1 where the tracer has this strength; a Gaussian column is Gaussian in n."""
         plume = self.plume
         if plume.kind == "gaussian":
@@ -135,7 +135,7 @@ class PlumeField:
         flat = vectors[..., :2] - self._lean * up[..., None]
         return np.concatenate([flat, up[..., None]], axis=-1) / self.cell_m
 
-    def bend(self, frame: int, center_in_world: FloatArray, directions: FloatMap) -> Bend:
+    def bend_rays(self, frame: int, center_in_world: FloatArray, directions: FloatMap) -> RayBend:
         """Follows straight rays through the plume, `eps = (1/n0) * integral(grad_perp n ds)`.
 
         Args:
@@ -150,7 +150,7 @@ class PlumeField:
         offset = (np.array(tracer.shape) - 1) / 2 * [1, 1, 0]
         start = self._to_box(center_in_world - np.array(self.plume.source)) + offset
         steps_in_box = self._to_box(directions.astype(float))
-        enter, leave = _through(start, steps_in_box, *_filled(tracer))
+        enter, leave = _intersect_box(start, steps_in_box, *_filled_box(tracer))
         crossing = np.flatnonzero(leave > np.maximum(enter, 0))
         if len(crossing):
             enter, leave = np.maximum(enter[crossing], 0), leave[crossing]
@@ -172,11 +172,11 @@ class PlumeField:
             mean[crossing] = (weight * t).sum(axis=1) / total
             variance = (weight * (t - mean[crossing, None]) ** 2).sum(axis=1) / total
             spread[crossing] = np.sqrt(variance)
-        return Bend(deflection=deflection, range_m=mean, spread_m=spread)
+        return RayBend(deflection=deflection, range_m=mean, spread_m=spread)
 
 
 @lru_cache(maxsize=2)
-def _rising(
+def _simulate_rise(
     seeds: tuple[int, ...], times: tuple[int, float], exit_: tuple[float, float, float, float]
 ) -> tuple[list[FloatMap], float]:
     """What rises from an exit at each frame, and how fast on average, m/s.
@@ -206,19 +206,19 @@ def _rising(
     return tracers, float(np.mean(rises))
 
 
-def _filled(tracer: FloatMap) -> tuple[FloatArray, FloatArray]:
+def _filled_box(tracer: FloatMap) -> tuple[FloatArray, FloatArray]:
     """The corners of the smallest box that holds the plume, in cells, with one to spare."""
     low, high = [], []
     for axis in range(3):
         others = tuple(i for i in range(3) if i != axis)
-        there = np.flatnonzero(tracer.max(axis=others) > EMPTY)
+        there = np.flatnonzero(tracer.max(axis=others) > EMPTY_TRACER)
         first, last = (there[0], there[-1]) if len(there) else (0, 0)
         low.append(max(first - 1, 0))
         high.append(min(last + 1, tracer.shape[axis] - 1))
     return np.array(low, dtype=float), np.array(high, dtype=float)
 
 
-def _through(
+def _intersect_box(
     start: FloatArray, steps: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Where each ray `start + t * steps` enters and leaves a box; enter > leave where it misses."""
@@ -239,4 +239,4 @@ def visible_percentile(displacement: FloatMap) -> float:
     peak = float(size.max(initial=0))
     if peak == 0:
         return 0.0
-    return float(np.percentile(size[size > CLEARLY_VISIBLE * peak], PERCENTILE))
+    return float(np.percentile(size[size > FOOTPRINT_SHARE * peak], PERCENTILE))

@@ -26,7 +26,7 @@ def randomise_sources(plant: Scene, amplitude_px: float, *, plume: bool | None =
             times weaker.
         plume: Whether there is one; None leaves that to the scene's seed.
     """
-    rng = plant.random(14)
+    rng = plant.random_stream(14)
     drawn = bool(rng.random() > PLUME_FREE_SHARE)
     nozzles = [_draw_nozzle(rng) for _ in range(rng.integers(1, 4))]
     sources = _draw_sources(rng, nozzles) if (drawn if plume is None else plume) else []
@@ -34,7 +34,7 @@ def randomise_sources(plant: Scene, amplitude_px: float, *, plume: bool | None =
     about = np.array(sources[0] if sources else (*rng.uniform(-1, 1, 2), 1.0))
     x, y, z = about + rng.normal(0, (0.6, 0.6, 0.3)) + (0, 0, 0.6)
     path = plant.path.model_copy(update={"target": (float(x), float(y), float(max(z, 0.6)))})
-    wind = plant.random(16).normal(0, 0.2, 2)
+    wind = plant.random_stream(16).normal(0, 0.2, 2)
     return plant.model_copy(
         update={
             "objects": (*plant.objects, *nozzles),

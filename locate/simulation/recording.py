@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from geometry.arrays import GreyImage
-from locate.simulation.camera_paths import fly
-from locate.simulation.capture import Take, surfaces
+from locate.simulation.camera_paths import simulate_trajectory
+from locate.simulation.capture import CaptureSetup, build_surfaces
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import Renderer
 from locate.simulation.scene import Scene
@@ -14,11 +14,11 @@ from locate.simulation.writer import make_folder, open_recording, write_summary,
 Progress = Callable[[int, int], None]
 
 
-def silent(_done: int, _total: int) -> None:
+def ignore_progress(_done: int, _total: int) -> None:
     """Reports nothing."""
 
 
-def simulate(scene: Scene, output: Path, *, progress: Progress = silent) -> None:
+def simulate(scene: Scene, output: Path, *, progress: Progress = ignore_progress) -> None:
     """Renders a recording and the truth about it.
 
     Writes video.mkv (or .mp4), truth.json, truth/{index:06d}.npz and scene.yaml into `output`.
@@ -31,26 +31,28 @@ def simulate(scene: Scene, output: Path, *, progress: Progress = silent) -> None
     Raises:
         BadInputError: The folder cannot be written.
     """
-    record(Take(scene=scene), output, progress=progress)
+    write_recording(CaptureSetup(scene=scene), output, progress=progress)
 
 
-def record(take: Take, output: Path, *, progress: Progress = silent) -> None:
-    """As `simulate`, of a take; frames that its coding spoils are kept as they then are."""
-    scene = take.scene
+def write_recording(
+    capture: CaptureSetup, output: Path, *, progress: Progress = ignore_progress
+) -> None:
+    """As `simulate`, of a capture; frames that its coding spoils are kept as they then are."""
+    scene = capture.scene
     make_folder(output)
     scene.save(output / "scene.yaml")
-    trajectory = fly(scene)
+    trajectory = simulate_trajectory(scene)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = Renderer(scene, surfaces(take), fields, trajectory, take.shutter)
+    renderer = Renderer(scene, build_surfaces(capture), fields, trajectory, capture.shutter)
 
     def frames() -> Iterator[GreyImage]:
         for i in range(len(trajectory)):
-            image, truth = renderer.render(i)
+            image, truth = renderer.render_frame(i)
             write_truth(output, i, truth)
             progress(i + 1, len(trajectory))
             yield image
 
-    coded = frames() if take.coding is None else take.coding(list(frames()), scene.video.fps)
+    coded = frames() if capture.coding is None else capture.coding(list(frames()), scene.video.fps)
     with open_recording(output, scene.video, trajectory.camera) as video:
         for image in coded:
             video.write(image)

@@ -9,11 +9,11 @@ import numpy as np
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage, IntArray
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.simulation.image_formation import area_mean, expose
-from locate.simulation.plume_field import Bend, PlumeField, visible_percentile
+from locate.simulation.image_formation import area_mean, expose_image
+from locate.simulation.plume_field import PlumeField, RayBend, visible_percentile
 from locate.simulation.scene import Scene
-from locate.simulation.shutter import INSTANT, Shutter, velocities
-from locate.simulation.surfaces import Hits, Surfaces
+from locate.simulation.shutter import INSTANT, Shutter, camera_velocities
+from locate.simulation.surfaces import RayHits, SurfaceModel
 
 MASK_SHARE = 0.3
 NEGLIGIBLE_PX = 1e-4
@@ -51,7 +51,7 @@ class Renderer:
     def __init__(
         self,
         scene: Scene,
-        world: Surfaces,
+        world: SurfaceModel,
         fields: Sequence[PlumeField],
         trajectory: Trajectory,
         shutter: Shutter = INSTANT,
@@ -62,36 +62,36 @@ class Renderer:
         self._fields = fields
         self._trajectory = trajectory
         self.camera = trajectory.camera
-        self._pixel_rays = _rays(self.camera, 1)
-        self._fine_rays = _rays(self.camera, scene.image.samples)
-        self.amplitudes_px = [self._calibrate(field) for field in fields]
+        self._pixel_rays = _unit_rays(self.camera, 1)
+        self._fine_rays = _unit_rays(self.camera, scene.image.samples)
+        self.amplitudes_px = [self._calibrate_gain(field) for field in fields]
 
-    def render(self, i: int, *, with_plumes: bool = True) -> tuple[GreyImage, RenderedTruth]:
+    def render_frame(self, i: int, *, with_plumes: bool = True) -> tuple[GreyImage, RenderedTruth]:
         """Frame `i` as the camera stores it, and the truth about it."""
         shape = self._fine_rays.shape[:2]
         samples = self._scene.image.samples
         world = self._world.at(float(self._trajectory.times_s[i]))
         directions = self._to_world(i, self._fine_rays)
-        origins = self._origins(i)
-        hits = world.cast(origins, directions)
+        origins = self._ray_origins(i)
+        hits = world.cast_rays(origins, directions)
         along_axis = hits.range_m * self._fine_rays[..., 2].ravel()
         path_m = hits.range_m.copy()
         w = np.zeros((len(directions), 2), dtype=np.float32)
         if with_plumes and self._fields:
-            bent, w[bent] = self._bend(i, world, origins, directions, hits, path_m)
-        radiance = world.radiance(
+            bent, w[bent] = self._bend_rays(i, world, origins, directions, hits, path_m)
+        radiance = world.compute_radiance(
             origins,
             directions,
             hits,
             path_m=path_m,
             ray_width_rad=1 / (self.camera.focal_px * samples),
         )
-        gain = self._scene.image.gain * self._shutter.gain(i)
+        gain = self._scene.image.gain * self._shutter.frame_gain(i)
         formation = self._scene.image.model_copy(update={"gain": gain})
-        image = expose(radiance.reshape(shape), formation, self._scene.random(4, i))
-        return image, self._truth(w.reshape(*shape, 2), along_axis.reshape(shape))
+        image = expose_image(radiance.reshape(shape), formation, self._scene.random_stream(4, i))
+        return image, self._frame_truth(w.reshape(*shape, 2), along_axis.reshape(shape))
 
-    def _truth(self, w: FloatMap, depth: FloatMap) -> RenderedTruth:
+    def _frame_truth(self, w: FloatMap, depth: FloatMap) -> RenderedTruth:
         """What is true of each pixel, from its parts: the mean of w, the lower median of depth."""
         samples = self._scene.image.samples
         displacement = area_mean(w, samples)
@@ -100,39 +100,39 @@ class Renderer:
         return RenderedTruth(
             displacement=displacement,
             mask=size > max(MASK_SHARE * weakest, NEGLIGIBLE_PX),
-            depth=np.sort(_blocks(depth, samples), axis=-1)[..., (samples**2 - 1) // 2],
+            depth=np.sort(_pixel_blocks(depth, samples), axis=-1)[..., (samples**2 - 1) // 2],
         )
 
     def _to_world(self, i: int, rays: FloatMap) -> FloatMap:
         """(N, 3) directions of rays (H, W, 3) of the camera."""
         rotation = self._trajectory.rotations[i].astype(np.float32)
         directions = np.asarray(rays.reshape(-1, 3) @ rotation)
-        if self._shutter.instant:
+        if self._shutter.is_instant:
             return directions
-        _, turning = velocities(self._trajectory, i)
+        _, turning = camera_velocities(self._trajectory, i)
         samples = max(1, len(rays) // self.camera.height)
         delays_s = self._shutter.delays_s(rays.shape[:2], samples).reshape(-1, 1)
         directions += delays_s * np.cross(turning.astype(np.float32), directions)
         return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
-    def _origins(self, i: int) -> FloatMap:
+    def _ray_origins(self, i: int) -> FloatMap:
         """(N, 3) where the fine rays start."""
         shape = self._fine_rays.shape[:2]
         center = self._trajectory.centers_in_world[i].astype(np.float32)
         origins = np.tile(center, (shape[0] * shape[1], 1))
-        if not self._shutter.instant:
-            moving, _ = velocities(self._trajectory, i)
+        if not self._shutter.is_instant:
+            moving, _ = camera_velocities(self._trajectory, i)
             delays_s = self._shutter.delays_s(shape, self._scene.image.samples).reshape(-1, 1)
             origins += delays_s * moving.astype(np.float32)
         return origins
 
-    def _bend(
+    def _bend_rays(
         self,
         i: int,
-        world: Surfaces,
+        world: SurfaceModel,
         origins: FloatMap,
         directions: FloatMap,
-        hits: Hits,
+        hits: RayHits,
         path_m: FloatMap,
     ) -> tuple[IntArray, FloatMap]:
         """Sends the rays that cross a plume on from where it bends them, in place.
@@ -140,7 +140,7 @@ class Renderer:
         Returns:
             Which rays, and their (N, 2) displacement, px.
         """
-        deflection, turn_m = self._deflection(i, hits.range_m)
+        deflection, turn_m = self._ray_deflection(i, hits.range_m)
         felt_px = np.linalg.norm(deflection, axis=-1) * self.camera.focal_px
         bent = np.flatnonzero(felt_px > NEGLIGIBLE_PX).astype(np.int64)
         straight, deflection, turn_m = directions[bent], deflection[bent], turn_m[bent]
@@ -148,7 +148,7 @@ class Renderer:
         legs /= np.linalg.norm(legs, axis=1, keepdims=True)
         origins[bent] += straight * turn_m[:, None]
         directions[bent] = legs
-        last = world.cast(origins[bent], legs)
+        last = world.cast_rays(origins[bent], legs)
         path_m[bent] = turn_m + last.range_m
         hits.range_m[bent] = last.range_m
         hits.triangle[bent] = last.triangle
@@ -158,7 +158,7 @@ class Renderer:
             self.camera, rotation, straight, deflection, turn_m, last.range_m
         )
 
-    def _deflection(self, i: int, ends_m: FloatMap) -> tuple[FloatMap, FloatMap]:
+    def _ray_deflection(self, i: int, ends_m: FloatMap) -> tuple[FloatMap, FloatMap]:
         """Total deflection (N, 3) of each fine ray up to where it ends, and where it turns (N,).
 
         The bending is smooth over the image: it is integrated along the ray of each pixel and
@@ -171,15 +171,17 @@ class Renderer:
         weighted = np.zeros(range_m.shape, dtype=np.float32)
         weights = np.full(range_m.shape, 1e-20, dtype=np.float32)
         for field in self._fields:
-            bend = _refine(field.bend(i, center, rays), self._pixel_rays.shape, range_m.shape)
-            part = bend.deflection.reshape(total.shape) * bend.before(range_m)[..., None]
+            bend = _refine_bend(
+                field.bend_rays(i, center, rays), self._pixel_rays.shape, range_m.shape
+            )
+            part = bend.deflection.reshape(total.shape) * bend.share_before(range_m)[..., None]
             size = np.linalg.norm(part, axis=-1)
             total += part
             weighted += size * bend.range_m
             weights += size
         return total.reshape(-1, 3), (weighted / weights).ravel()
 
-    def _calibrate(self, field: PlumeField) -> float:
+    def _calibrate_gain(self, field: PlumeField) -> float:
         """Sets the gain of a plume to reach its amplitude; returns the amplitude."""
         frames = len(self._trajectory)
         trial = np.unique(np.linspace(0, frames - 1, min(frames, TRIAL_FRAMES)).astype(int))
@@ -193,9 +195,9 @@ class Renderer:
         center = self._trajectory.centers_in_world[i]
         origins = np.tile(center.astype(np.float32), (len(directions), 1))
         world = self._world.at(float(self._trajectory.times_s[i]))
-        ends = world.cast(origins, directions).range_m
-        bend = field.bend(i, center, directions)
-        lever = np.clip(1 - bend.range_m / ends, 0, 1) * bend.before(ends)
+        ends = world.cast_rays(origins, directions).range_m
+        bend = field.bend_rays(i, center, directions)
+        lever = np.clip(1 - bend.range_m / ends, 0, 1) * bend.share_before(ends)
         across = bend.deflection @ self._trajectory.rotations[i].T.astype(np.float32)
         return visible_percentile(across[:, :2] * (lever * self.camera.focal_px)[:, None])
 
@@ -230,20 +232,20 @@ def apparent_shift(
     return np.asarray(there - here, dtype=np.float32)
 
 
-def _rays(camera: Camera, samples: int) -> FloatMap:
+def _unit_rays(camera: Camera, samples: int) -> FloatMap:
     """(H * s, W * s, 3) unit rays through the middles of the parts of each pixel."""
     x = (np.arange(camera.width * samples) + 0.5) / samples - 0.5
     y = (np.arange(camera.height * samples) + 0.5) / samples - 0.5
     return camera.rays(np.stack(np.meshgrid(x, y), axis=-1)).astype(np.float32)
 
 
-def _blocks(fine: FloatMap, samples: int) -> FloatMap:
+def _pixel_blocks(fine: FloatMap, samples: int) -> FloatMap:
     height, width = fine.shape[0] // samples, fine.shape[1] // samples
     blocks = fine.reshape(height, samples, width, samples).transpose(0, 2, 1, 3)
     return blocks.reshape(height, width, -1)
 
 
-def _refine(bend: Bend, shape: tuple[int, ...], fine: tuple[int, ...]) -> Bend:
+def _refine_bend(bend: RayBend, shape: tuple[int, ...], fine: tuple[int, ...]) -> RayBend:
     """The bending of the pixels' rays, for the finer rays between them."""
 
     def grow(values: FloatMap) -> FloatMap:
@@ -251,7 +253,7 @@ def _refine(bend: Bend, shape: tuple[int, ...], fine: tuple[int, ...]) -> Bend:
         grown = cv2.resize(grid, fine[::-1], interpolation=cv2.INTER_LINEAR)
         return np.asarray(grown, dtype=np.float32)
 
-    return Bend(
+    return RayBend(
         deflection=grow(bend.deflection),
         range_m=grow(bend.range_m),
         spread_m=grow(bend.spread_m),

@@ -255,6 +255,6 @@ class Scene(SceneFile):
             raise ValueError("video.codec h264 needs an even camera.width and camera.height")
         return self
 
-    def random(self, *stream: int) -> np.random.Generator:
+    def random_stream(self, *stream: int) -> np.random.Generator:
         """The random numbers of one part of the recording, the same for every run."""
         return np.random.default_rng([self.seed, *stream])

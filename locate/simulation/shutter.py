@@ -24,11 +24,11 @@ class Shutter:
     gains: tuple[float, ...] = ()
 
     @property
-    def instant(self) -> bool:
+    def is_instant(self) -> bool:
         """Every ray of a frame is of one moment."""
         return not (self.readout_s or self.exposure_s)
 
-    def gain(self, i: int) -> float:
+    def frame_gain(self, i: int) -> float:
         """That of frame `i`."""
         return self.gains[i] if self.gains else 1.0
 
@@ -44,7 +44,7 @@ class Shutter:
 INSTANT = Shutter()
 
 
-def velocities(trajectory: Trajectory, i: int) -> tuple[FloatArray, FloatArray]:
+def camera_velocities(trajectory: Trajectory, i: int) -> tuple[FloatArray, FloatArray]:
     """How the camera moves at frame `i`, by the frames beside it.
 
     Returns:

@@ -18,12 +18,12 @@ from locate.simulation.scene import (
     WallObject,
 )
 
-FACETS = 40
+CYLINDER_FACETS = 40
 
 
 @dataclass(kw_only=True)
-class Soup:
-    """Triangles that share nothing, in the world frame.
+class TriangleMesh:
+    """Triangles of their own corners each, in the world frame.
 
     Attributes:
         corners: (3, 3) corners of each.
@@ -39,7 +39,7 @@ class Soup:
     materials: list[int] = field(default_factory=list)
     keys: list[int] = field(default_factory=list)
 
-    def add(
+    def add_quad(
         self, quad: FloatArray, normals: FloatArray, frame: FloatArray, material: int, key: int
     ) -> None:
         """Adds a quad (4, 3), counter-clockwise from outside, as two triangles."""
@@ -51,22 +51,22 @@ class Soup:
             self.keys.append(key)
 
 
-def build_soup(objects: tuple[SceneObject, ...]) -> Soup:
+def build_mesh(objects: tuple[SceneObject, ...]) -> TriangleMesh:
     """All triangles of a scene."""
-    soup = Soup()
+    mesh = TriangleMesh()
     key = 0
     for thing in objects:
-        for solid in _solids(thing):
+        for solid in _iterate_solids(thing):
             material = list(MATERIALS).index(solid.material)
             if isinstance(solid, BoxObject):
-                _add_box(soup, solid, material, key)
+                _add_box(mesh, solid, material, key)
             else:
-                _add_cylinder(soup, solid, material, key)
+                _add_cylinder(mesh, solid, material, key)
             key += 1
-    return soup
+    return mesh
 
 
-def _solids(thing: SceneObject) -> Iterator[BoxObject | CylinderObject]:
+def _iterate_solids(thing: SceneObject) -> Iterator[BoxObject | CylinderObject]:
     match thing:
         case BoxObject() | CylinderObject():
             yield thing
@@ -84,12 +84,12 @@ def _solids(thing: SceneObject) -> Iterator[BoxObject | CylinderObject]:
                 material=thing.material,
             )
         case PipeRackObject():
-            yield from _pipe_rack(thing)
+            yield from _pipe_rack_parts(thing)
         case TankObject():
-            yield from _tank(thing)
+            yield from _tank_parts(thing)
 
 
-def _pipe_rack(rack: PipeRackObject) -> Iterator[BoxObject | CylinderObject]:
+def _pipe_rack_parts(rack: PipeRackObject) -> Iterator[BoxObject | CylinderObject]:
     turn = Rotation.from_euler("z", rack.yaw_deg, degrees=True)
 
     def place(x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -139,7 +139,7 @@ def _pipe_rack(rack: PipeRackObject) -> Iterator[BoxObject | CylinderObject]:
             )
 
 
-def _tank(tank: TankObject) -> Iterator[BoxObject | CylinderObject]:
+def _tank_parts(tank: TankObject) -> Iterator[BoxObject | CylinderObject]:
     x, y = tank.center
     yield CylinderObject(
         kind="cylinder",
@@ -185,7 +185,7 @@ def _tank(tank: TankObject) -> Iterator[BoxObject | CylinderObject]:
         )
 
 
-def _add_box(soup: Soup, box: BoxObject, material: int, key: int) -> None:
+def _add_box(mesh: TriangleMesh, box: BoxObject, material: int, key: int) -> None:
     turn = Rotation.from_euler("z", box.yaw_deg, degrees=True).as_matrix()
     half = np.array(box.size) / 2
     for axis in range(3):
@@ -200,27 +200,29 @@ def _add_box(soup: Soup, box: BoxObject, material: int, key: int) -> None:
             frame = np.zeros((2, 4))
             frame[:, :3] = [turn @ right, turn @ up]
             frame[:, 3] = -frame[:, :3] @ corners[0]
-            soup.add(corners, np.tile(turn @ normal, (4, 1)), frame, material, key)
+            mesh.add_quad(corners, np.tile(turn @ normal, (4, 1)), frame, material, key)
 
 
-def _add_cylinder(soup: Soup, cylinder: CylinderObject, material: int, key: int) -> None:
+def _add_cylinder(mesh: TriangleMesh, cylinder: CylinderObject, material: int, key: int) -> None:
     start, end = np.array(cylinder.start), np.array(cylinder.end)
     axis = (end - start) / np.linalg.norm(end - start)
     e1 = np.cross(axis, [1.0, 0, 0] if abs(axis[0]) < 0.8 else [0, 1.0, 0])
     e1 /= np.linalg.norm(e1)
     e2 = np.cross(axis, e1)
-    angles = np.linspace(0, 2 * np.pi, FACETS + 1)
+    angles = np.linspace(0, 2 * np.pi, CYLINDER_FACETS + 1)
     rim = np.cos(angles)[:, None] * e1 + np.sin(angles)[:, None] * e2
-    chord = 2 * cylinder.radius_m * np.sin(np.pi / FACETS)
-    for k in range(FACETS):
+    chord = 2 * cylinder.radius_m * np.sin(np.pi / CYLINDER_FACETS)
+    for k in range(CYLINDER_FACETS):
         a, b = rim[k] * cylinder.radius_m, rim[k + 1] * cylinder.radius_m
         frame = np.zeros((2, 4))
         frame[:, :3] = [(b - a) / chord, axis]
         frame[:, 3] = [k * chord, 0] - frame[:, :3] @ (start + a)
         quad = np.array([start + a, start + b, end + b, end + a])
-        soup.add(quad, np.array([rim[k], rim[k + 1], rim[k + 1], rim[k]]), frame, material, key)
+        mesh.add_quad(
+            quad, np.array([rim[k], rim[k + 1], rim[k + 1], rim[k]]), frame, material, key
+        )
         for base, outward in ((start, -axis), (end, axis)):
             cap = np.zeros((2, 4))
             cap[:, :3] = [e1, e2]
             ring = np.array([base, base + a, base + b, base])
-            soup.add(ring, np.tile(outward, (4, 1)), cap, material, key)
+            mesh.add_quad(ring, np.tile(outward, (4, 1)), cap, material, key)

@@ -16,7 +16,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 LEVEL = 1e-6
 
 
-class Receiver(SceneBlock):
+class GpsReceiver(SceneBlock):
     """How GPS and gimbal err.
 
     A fix errs by white noise of `white_m` and by a part that wanders: `wander_m` (one sigma),
@@ -33,7 +33,7 @@ class Receiver(SceneBlock):
     outlier_m: NotNegative = 20.0
     gimbal_deg: NotNegative | None = 0.3
 
-    def fixes(
+    def simulate_fixes(
         self, times_s: FloatArray, points_in_enu: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
         """(N, 3) what the receiver takes for (N, 3) true positions."""
@@ -65,7 +65,7 @@ def write_subtitles(
     path: Path,
     trajectory: Trajectory,
     place: Georeference,
-    receiver: Receiver,
+    receiver: GpsReceiver,
     *,
     start: dt.datetime,
     rng: np.random.Generator,
@@ -81,7 +81,7 @@ def write_subtitles(
         rng: Its random numbers.
     """
     times_s = trajectory.times_s
-    fixes = receiver.fixes(times_s, trajectory.centers_in_world, rng)
+    fixes = receiver.simulate_fixes(times_s, trajectory.centers_in_world, rng)
     angles = attitude_deg(trajectory.rotations)
     if receiver.gimbal_deg is not None:
         angles = angles + receiver.gimbal_deg * rng.normal(size=3)
@@ -92,7 +92,7 @@ def write_subtitles(
         moment = start + dt.timedelta(seconds=float(times_s[i]))
         attitude = "gb_yaw: {:.2f} gb_pitch: {:.2f} gb_roll: {:.2f}".format(*angles[i])
         cues.append(
-            f"{i + 1}\n{_stamp(times_s[i])} --> {_stamp(ends_s[i])}\n"
+            f"{i + 1}\n{_format_timestamp(times_s[i])} --> {_format_timestamp(ends_s[i])}\n"
             f'<font size="28">FrameCnt: {i + 1}\n'
             f"{moment.isoformat(sep=' ', timespec='milliseconds')}\n"
             f"[latitude: {lat:.7f}] [longitude: {lon:.7f}] "
@@ -103,6 +103,6 @@ def write_subtitles(
     path.write_text("\n".join(cues))
 
 
-def _stamp(time_s: float) -> str:
+def _format_timestamp(time_s: float) -> str:
     seconds, millis = divmod(round(time_s * 1000), 1000)
     return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d},{millis:03d}"

@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from geometry.arrays import FloatMap
 from geometry.open3d_loader import load_open3d
-from locate.simulation.reflectance import reflectance
+from locate.simulation.reflectance import compute_reflectance
 from locate.simulation.scene import Scene
-from locate.simulation.solids import build_soup
-from locate.simulation.textures import CLOUDS, TileAtlas, noise_tiles
+from locate.simulation.solids import build_mesh
+from locate.simulation.textures import CLOUDS, TextureAtlas, make_noise_textures
 
 AMBIENT, SUNLIGHT = 0.25, 0.8
 SURFACE_M = 2e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hits:
+class RayHits:
     """Where N rays end.
 
     Attributes:
@@ -33,22 +33,22 @@ class Hits:
     barycentric: FloatMap
 
 
-class Surfaces(Protocol):
+class SurfaceModel(Protocol):
     """What rays can hit."""
 
-    def at(self, time_s: float) -> "Surfaces":
+    def at(self, time_s: float) -> "SurfaceModel":
         """The surfaces as they stand at that time."""
         ...
 
-    def cast(self, origins: FloatMap, directions: FloatMap) -> Hits:
+    def cast_rays(self, origins: FloatMap, directions: FloatMap) -> RayHits:
         """Follows N rays, (N, 3) origins and unit directions, to the first surface."""
         ...
 
-    def radiance(
+    def compute_radiance(
         self,
         origins: FloatMap,
         directions: FloatMap,
-        hits: Hits,
+        hits: RayHits,
         *,
         path_m: FloatMap,
         ray_width_rad: float,
@@ -57,21 +57,21 @@ class Surfaces(Protocol):
         ...
 
 
-class World:
+class StaticSurfaces:
     """The surfaces and the light of a scene; nothing in it moves."""
 
     def __init__(self, scene: Scene) -> None:
         o3d = load_open3d()
-        soup = build_soup(scene.objects)
+        mesh = build_mesh(scene.objects)
         self._o3d = o3d
         self._rays = o3d.t.geometry.RaycastingScene(nthreads=1)
-        corners = np.array(soup.corners, dtype=np.float32).reshape(-1, 3)
+        corners = np.array(mesh.corners, dtype=np.float32).reshape(-1, 3)
         if len(corners):
             triangles = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
             self._rays.add_triangles(o3d.core.Tensor(corners), o3d.core.Tensor(triangles))
-        self._frames = np.array(soup.frames, dtype=np.float32).reshape(-1, 2, 4)
-        self._materials = np.array(soup.materials, dtype=np.int32)
-        self._keys = np.array(soup.keys, dtype=np.int32)
+        self._frames = np.array(mesh.frames, dtype=np.float32).reshape(-1, 2, 4)
+        self._materials = np.array(mesh.materials, dtype=np.int32)
+        self._keys = np.array(mesh.keys, dtype=np.int32)
         azimuth, elevation = np.radians(scene.sun_deg)
         self._sun = np.array(
             [
@@ -81,35 +81,35 @@ class World:
             ],
             dtype=np.float32,
         )
-        normals = np.array(soup.normals, dtype=np.float32).reshape(-1, 3, 3)
+        normals = np.array(mesh.normals, dtype=np.float32).reshape(-1, 3, 3)
         self._lambert = np.clip(normals @ self._sun, 0, 1)
         self._upward = normals[..., 2].mean(axis=1)
         self._scene = scene
         self._sky = scene.sky
 
     @cached_property
-    def _atlas(self) -> TileAtlas:
-        return TileAtlas(noise_tiles(self._scene.random(1)))
+    def _noise_atlas(self) -> TextureAtlas:
+        return TextureAtlas(make_noise_textures(self._scene.random_stream(1)))
 
     def at(self, _time_s: float) -> Self:
         """The same at all times."""
         return self
 
-    def cast(self, origins: FloatMap, directions: FloatMap) -> Hits:
+    def cast_rays(self, origins: FloatMap, directions: FloatMap) -> RayHits:
         """Follows N rays, (N, 3) origins and unit directions, to the first surface."""
         rays = np.concatenate([origins, directions], axis=1)
         answer = self._rays.cast_rays(self._o3d.core.Tensor(rays), nthreads=1)
-        return Hits(
+        return RayHits(
             range_m=answer["t_hit"].numpy(),
             triangle=answer["primitive_ids"].numpy(),
             barycentric=answer["primitive_uvs"].numpy(),
         )
 
-    def radiance(
+    def compute_radiance(
         self,
         origins: FloatMap,
         directions: FloatMap,
-        hits: Hits,
+        hits: RayHits,
         *,
         path_m: FloatMap,
         ray_width_rad: float,
@@ -143,15 +143,20 @@ class World:
         axes_cosines = np.einsum("nij,nj->in", frames[..., :3], directions[solid])
         slant = np.sqrt(np.clip(1 - (axes_cosines**2).sum(axis=0), 0.02, 1))
         footprint = path_m[solid] * ray_width_rad / np.sqrt(slant)
-        tone = reflectance(
-            self._atlas, self._materials.take(triangle), self._keys.take(triangle), u, v, footprint
+        tone = compute_reflectance(
+            self._noise_atlas,
+            self._materials.take(triangle),
+            self._keys.take(triangle),
+            u,
+            v,
+            footprint,
         )
-        sunlit = lambert * ~self._shadowed(points, lambert)
+        sunlit = lambert * ~self._find_shadowed(points, lambert)
         ambient = AMBIENT * (1 + 0.25 * self._upward.take(triangle))
         radiance[solid] = tone * (ambient + SUNLIGHT * sunlit)
         return radiance
 
-    def _shadowed(self, points: FloatMap, lambert: FloatMap) -> NDArray[np.bool_]:
+    def _find_shadowed(self, points: FloatMap, lambert: FloatMap) -> NDArray[np.bool_]:
         shadowed = np.zeros(len(points), dtype=bool)
         lit = np.flatnonzero(lambert > 0)
         rays = np.empty((len(lit), 6), dtype=np.float32)
@@ -166,7 +171,7 @@ class World:
             return np.zeros(len(directions), dtype=np.float32)
         height = np.clip(directions[:, 2], 0, 1)
         spread = (3 / (height + 0.25)).astype(np.float32)
-        clouds = self._atlas.sample(
+        clouds = self._noise_atlas.sample_texture(
             directions[:, 0] * spread,
             directions[:, 1] * spread,
             CLOUDS,

@@ -45,7 +45,7 @@ def open_recording(
     )
 
 
-class FrameFolder:
+class PngFrameFolder:
     """DIR/frames/000000.png and so on."""
 
     def __init__(self, folder: Path) -> None:

@@ -11,9 +11,9 @@ from geometry.georeference.gravity import up_from_gimbal
 from locate.cli import app
 from locate.evaluation.truth import SceneTruth
 from locate.simulation import Campaign, Scene, simulate_campaign
-from locate.simulation.camera_paths import fly
+from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.campaign import FlightPlan, ThermalSite
-from locate.simulation.subtitles import Receiver, attitude_deg, write_subtitles
+from locate.simulation.subtitles import GpsReceiver, attitude_deg, write_subtitles
 from locate.telemetry import read_telemetry
 
 PERFECT = {"white_m": 0, "wander_m": 0, "outliers": 0, "gimbal_deg": 0}
@@ -93,7 +93,7 @@ def test_a_flight_more_leaves_the_others_alone(rendered):
 def test_attitude_is_what_the_gimbal_constraint_expects():
     path = CAMPAIGN["flights"][0]["path"] | {"jitter_deg": 12.0, "jitter_m": 0.5}
     scene = Scene.model_validate({"video": {"frames": 30}, "path": path})
-    cameras = fly(scene)
+    cameras = simulate_trajectory(scene)
     yaw, pitch, roll = attitude_deg(cameras.rotations).T
     up = up_from_gimbal(cameras, pitch, roll)
     assert up.up_in_source == pytest.approx([0, 0, 1], abs=1e-9)
@@ -108,9 +108,9 @@ def test_straight_down_has_no_roll():
 
 
 def test_receiver_errs_as_it_says():
-    receiver = Receiver(white_m=0.3, wander_m=0.4, wander_s=5, outliers=0.1, outlier_m=30)
+    receiver = GpsReceiver(white_m=0.3, wander_m=0.4, wander_s=5, outliers=0.1, outlier_m=30)
     times, rng = np.arange(20_000) * 0.5, np.random.default_rng(0)
-    errors = receiver.fixes(times, np.zeros((len(times), 3)), rng)
+    errors = receiver.simulate_fixes(times, np.zeros((len(times), 3)), rng)
     wrong = np.abs(errors[:, :2]).max(axis=1) > 3
     assert 0.08 < wrong.mean() < 0.1
     good = errors[np.abs(errors).max(axis=1) < 4]
@@ -167,7 +167,7 @@ def test_subtitles_without_a_gimbal(tmp_path):
     made = campaign(receiver=PERFECT | {"gimbal_deg": None})
     write_subtitles(
         tmp_path / "a.srt",
-        fly(made.scene_of(0)),
+        simulate_trajectory(made.scene_of(0)),
         made.origin.build(),
         made.receiver,
         start=made.flights[0].start,

@@ -16,7 +16,7 @@ STILL_AIR_SEED = 100_001
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {
-        "FRAMES": 11,
+        "CLIP_FRAMES": 11,
         "KEY_FRAMES": 2,
         "SIDE_PX": (128, 96),
         "FOCAL_PX": (110.0, 110.0),

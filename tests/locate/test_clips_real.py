@@ -12,10 +12,10 @@ from geometry.errors import BadInputError
 from geometry.pose_files import write_colmap_model
 from geometry.trajectory import Trajectory
 from locate.simulation import clips, make_clips, photo_set_clips
-from locate.simulation.camera_paths import fly
+from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.capture_degradation import degrade_capture
 from locate.simulation.clips import draw_clip_scene, make_photo_clip
-from locate.simulation.photo_scenes import photo_take
+from locate.simulation.photo_scenes import make_photo_capture
 from locate.simulation.photo_set import PhotoSet
 from locate.simulation.photo_set_clips import make_photo_set_clip
 from locate.simulation.scene import CameraBlock, PathBlock, PlumeSpec, Scene, VideoBlock
@@ -39,7 +39,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"FRAMES": 11, "KEY_FRAMES": 2, "SIDE_PX": (128, 96)}.items():
+    for name, value in {"CLIP_FRAMES": 11, "KEY_FRAMES": 2, "SIDE_PX": (128, 96)}.items():
         monkeypatch.setattr(clips, name, value)
     monkeypatch.setattr(clips, "FOCAL_PX", (110.0, 120.0))
 
@@ -57,29 +57,43 @@ def test_a_clip_before_photos_repeats(photos: tuple[Path, ...]) -> None:
 
 def test_scenes_of_photos_keep_the_camera_and_share_flows(photos: tuple[Path, ...]) -> None:
     scenes = [draw_clip_scene(seed, plume=True) for seed in (100, 101, 110)]
-    takes = [photo_take(scene, photos) for scene in scenes]
-    assert takes[0].scene.path == scenes[0].path
-    assert not takes[0].scene.objects
-    assert takes[0].scene.plumes[0].source == scenes[0].plumes[0].source
-    flows = [take.scene.plumes[0].model_dump(exclude={"source", "amplitude_px"}) for take in takes]
+    captures = [make_photo_capture(scene, photos) for scene in scenes]
+    assert captures[0].scene.path == scenes[0].path
+    assert not captures[0].scene.objects
+    assert captures[0].scene.plumes[0].source == scenes[0].plumes[0].source
+    flows = [
+        capture.scene.plumes[0].model_dump(exclude={"source", "amplitude_px"})
+        for capture in captures
+    ]
     assert flows[0] == flows[1] != flows[2]
-    assert len({take.billboards[0].photo for take in (photo_take(s, photos) for s in scenes)}) > 1
+    assert (
+        len(
+            {
+                capture.billboards[0].photo
+                for capture in (make_photo_capture(s, photos) for s in scenes)
+            }
+        )
+        > 1
+    )
 
 
 def test_rough_takes_stride_wider_and_shake_more(photos: tuple[Path, ...]) -> None:
-    takes = [photo_take(draw_clip_scene(seed), photos) for seed in range(300, 330)]
-    rough = [degrade_capture(take) for take in takes]
-    assert [one.scene.path for one in rough] == [degrade_capture(take).scene.path for take in takes]
+    captures = [make_photo_capture(draw_clip_scene(seed), photos) for seed in range(300, 330)]
+    rough = [degrade_capture(capture) for capture in captures]
+    assert [one.scene.path for one in rough] == [
+        degrade_capture(capture).scene.path for capture in captures
+    ]
     assert {one.scene.path.kind for one in rough} == {"approach", "handheld", "lawn_mower"}
     assert all(one.scene.path.jitter_m >= 0.02 for one in rough)
     rounds = [
-        (one.scene.path.arc_deg, take.scene.path.arc_deg)
-        for one, take in zip(rough, takes, strict=True)
+        (one.scene.path.arc_deg, capture.scene.path.arc_deg)
+        for one, capture in zip(rough, captures, strict=True)
         if one.scene.path.kind == "handheld"
     ]
     assert np.mean([a for a, _ in rounds]) > 1.5 * np.mean([b for _, b in rounds])
     assert all(
-        one.scene.plumes == take.scene.plumes for one, take in zip(rough, takes, strict=True)
+        one.scene.plumes == capture.scene.plumes
+        for one, capture in zip(rough, captures, strict=True)
     )
     assert any(one.coding for one in rough)
     assert any(not one.shutter.instant for one in rough)
@@ -104,7 +118,9 @@ def posed_set(folder: Path) -> Path:
     path = PathBlock(
         kind="lawn_mower", target=(0, 0, 0), height_m=RANGE_M, lanes=1, length_m=3.0, pitch_deg=89.9
     )
-    trajectory = fly(Scene(camera=camera, path=path, video=VideoBlock(frames=COUNT)))
+    trajectory = simulate_trajectory(
+        Scene(camera=camera, path=path, video=VideoBlock(frames=COUNT))
+    )
     ground = textured(9, (800, 800)).astype(np.float32)
     names = []
     (folder / "images").mkdir(parents=True)
@@ -132,7 +148,7 @@ def photo_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotoSet:
 def test_a_set_without_a_plume_is_a_negative(
     photo_set: PhotoSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(photo_set_clips, "PLUME_FREE", 1.0)
+    monkeypatch.setattr(photo_set_clips, "PLUME_FREE_SHARE", 1.0)
     clip = make_photo_set_clip(photo_set, 1)
     assert clip.inputs.shape[1:] == (len(FEATURES), SIDE_PX[1], SIDE_PX[0])
     assert len(clip) >= 3 * photo_set_clips.WINDOWS
@@ -152,9 +168,9 @@ def test_a_plume_before_a_set_is_where_the_truth_says(
             kind="gaussian", source=source, radius_m=0.4, height_m=2.0, amplitude_px=1.0
         )
 
-    monkeypatch.setattr(photo_set_clips, "PLUME_FREE", 0.0)
+    monkeypatch.setattr(photo_set_clips, "PLUME_FREE_SHARE", 0.0)
     monkeypatch.setattr(photo_set_clips, "RANGE_M", (RANGE_M, RANGE_M + 1e-6))
-    monkeypatch.setattr(photo_set_clips, "_plume", column)
+    monkeypatch.setattr(photo_set_clips, "_draw_plume", column)
     clip = make_photo_set_clip(photo_set, 1)
     assert clip.amplitude_px == pytest.approx(1.0)
     w = clip.displacements.astype(float)
@@ -180,7 +196,7 @@ def test_a_set_without_points_is_refused(photo_set: PhotoSet) -> None:
 
 
 def test_the_world_of_a_set_gets_the_size_of_a_scene(photo_set: PhotoSet) -> None:
-    scaled = photo_set_clips._scaled(photo_set, np.random.default_rng(0))
+    scaled = photo_set_clips._scale_set(photo_set, np.random.default_rng(0))
     depth = scaled.trajectory.world_to_cam(COUNT // 2, scaled.points_in_world)[:, 2]
     low, high = photo_set_clips.RANGE_M
     assert low <= np.median(depth) <= high
@@ -219,8 +235,8 @@ def test_a_folder_without_poses_is_refused(tmp_path: Path) -> None:
 
 
 def test_disturbed_poses_are_off_by_what_was_asked() -> None:
-    trajectory = fly(Scene(video=VideoBlock(frames=400)))
-    told = clips.disturbed(trajectory, np.random.default_rng(0), 0.2)
+    trajectory = simulate_trajectory(Scene(video=VideoBlock(frames=400)))
+    told = clips.perturb_poses(trajectory, np.random.default_rng(0), 0.2)
     assert isinstance(told, Trajectory)
     turns = np.einsum("nij,nkj->nik", told.rotations, trajectory.rotations)
     angles = np.degrees(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1)))

@@ -12,7 +12,7 @@ from geometry.trajectory import Trajectory
 from locate.pipeline.place import place_reconstruction
 from locate.pipeline.placement import Placement
 from locate.recording.index import KeyFrame, KeyFrames
-from locate.simulation.camera_paths import fly
+from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.scene import PathBlock, Scene, VideoBlock
 
 ORIGIN = Georeference(lat_deg=47.2, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
@@ -24,7 +24,7 @@ TURN = Rotation.from_rotvec([0.4, -0.2, 1.1]).as_matrix()
 def flight() -> Trajectory:
     """The true cameras of a wide orbit, east-north-up."""
     path = PathBlock(kind="orbit", radius_m=40, height_m=20, arc_deg=150, jitter_m=0.3)
-    return fly(Scene(path=path, video=VideoBlock(frames=40, fps=2)))
+    return simulate_trajectory(Scene(path=path, video=VideoBlock(frames=40, fps=2)))
 
 
 def reconstructed(flight: Trajectory) -> Trajectory:

@@ -12,13 +12,13 @@ from geometry.errors import BadInputError
 from geometry.refraction import gaussian_column_deflection, refractivity
 from geometry.trajectory import Trajectory
 from locate.simulation import Campaign, Scene, is_campaign, random_scene, render_onto, simulate
-from locate.simulation.camera_paths import fly
-from locate.simulation.photo_overlay import displace
+from locate.simulation.camera_paths import simulate_trajectory
+from locate.simulation.photo_overlay import displace_photo
 from locate.simulation.photo_set import PhotoSet
 from locate.simulation.plume_field import PlumeField, visible_percentile
 from locate.simulation.render import Renderer
 from locate.simulation.scene import ImageBlock
-from locate.simulation.surfaces import World
+from locate.simulation.surfaces import StaticSurfaces
 
 PLUME_M, WALL_M, RADIUS_M = 6.0, 12.0, 0.25
 WALL_FACE_M = WALL_M - 0.1
@@ -48,7 +48,7 @@ def scene(**changes) -> Scene:
 
 def renderer_of(made: Scene) -> Renderer:
     fields = [PlumeField(made, number) for number in range(len(made.plumes))]
-    return Renderer(made, World(made), fields, fly(made))
+    return Renderer(made, StaticSurfaces(made), fields, simulate_trajectory(made))
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def recording(tmp_path_factory):
 
 
 def test_gaussian_column_bends_as_the_formula_says(column):
-    _, truth = column.render(0)
+    _, truth = column.render_frame(0)
     x = np.arange(160) - 79.5
     delta_n = refractivity(temperature_k=600) - refractivity()
     passes_at_m = PLUME_M * x / np.hypot(x, 200)
@@ -81,13 +81,13 @@ def test_gaussian_column_bends_as_the_formula_says(column):
 
 
 def test_depth_is_along_the_optical_axis(column):
-    _, truth = column.render(0)
+    _, truth = column.render_frame(0)
     np.testing.assert_allclose(truth.depth[50], WALL_FACE_M, rtol=1e-4)
 
 
 def test_displacement_has_the_sign_of_remap(strong):
-    distorted, truth = strong.render(0)
-    clean, nothing = strong.render(0, with_plumes=False)
+    distorted, truth = strong.render_frame(0)
+    clean, nothing = strong.render_frame(0, with_plumes=False)
     assert not nothing.displacement.any()
     assert not nothing.mask.any()
     grid = strong.camera.pixel_grid()
@@ -101,7 +101,7 @@ def test_displacement_has_the_sign_of_remap(strong):
 
 
 def test_amplitude_is_reached(strong):
-    _, truth = strong.render(0)
+    _, truth = strong.render_frame(0)
     assert visible_percentile(truth.displacement) == pytest.approx(2.0, rel=0.05)
     assert strong.amplitudes_px == [2.0]
 
@@ -109,7 +109,7 @@ def test_amplitude_is_reached(strong):
 def test_what_stands_before_the_plume_is_sharp():
     screen = {"kind": "box", "center": [0, -1, 1], "size": [3, 0.2, 2], "material": "concrete"}
     hidden = renderer_of(scene(objects=[*SCENE["objects"], screen]))
-    _, truth = hidden.render(0)
+    _, truth = hidden.render_frame(0)
     before = truth.depth < PLUME_M - 0.5
     assert before.any()
     assert np.abs(truth.displacement[before]).max() == 0
@@ -119,8 +119,8 @@ def test_what_stands_before_the_plume_is_sharp():
 def test_plume_of_no_strength_shows_nothing():
     plume = SCENE["plumes"][0] | {"amplitude_px": 0.0}
     made = renderer_of(scene(plumes=[plume]))
-    image, truth = made.render(0)
-    clean, _ = made.render(0, with_plumes=False)
+    image, truth = made.render_frame(0)
+    clean, _ = made.render_frame(0, with_plumes=False)
     assert not truth.displacement.any()
     np.testing.assert_array_equal(image, clean)
 
@@ -147,7 +147,7 @@ def test_files_are_what_they_should_be(recording):
 
 def test_video_is_lossless_and_made_again_the_same(recording):
     made = Scene.load(recording / "scene.yaml")
-    expected, _ = renderer_of(made).render(0)
+    expected, _ = renderer_of(made).render_frame(0)
     with av.open(str(recording / "video.mkv")) as video:
         frame = next(video.decode(video=0))
     np.testing.assert_array_equal(frame.to_ndarray(format="gray"), expected)
@@ -167,10 +167,10 @@ def test_poses_put_known_points_where_they_are_seen():
     )
     made = renderer_of(lone)
     for i in range(2):
-        _, truth = made.render(i)
+        _, truth = made.render_frame(i)
         y, x = np.nonzero(np.isfinite(truth.depth))
         corners = np.array(list(product([0.4, 0.6], [-0.1, 0.1], [2.3, 2.5])))
-        projected = fly(lone).project(i, corners)
+        projected = simulate_trajectory(lone).project(i, corners)
         np.testing.assert_allclose([x.min(), y.min()], projected.min(axis=0), atol=0.8)
         np.testing.assert_allclose([x.max(), y.max()], projected.max(axis=0), atol=0.8)
 
@@ -178,7 +178,7 @@ def test_poses_put_known_points_where_they_are_seen():
 @pytest.mark.parametrize("kind", ["orbit", "handheld", "approach", "hover", "lawn_mower"])
 def test_paths_keep_the_target_in_view(kind):
     path = {"kind": kind, "height_m": 6 if kind == "lawn_mower" else 2, "jitter_m": 0.03}
-    flown = fly(scene(path=path, video={"frames": 20}))
+    flown = simulate_trajectory(scene(path=path, video={"frames": 20}))
     pixels = flown.project(10, np.array([0.0, 0.0, 2.5]))
     assert (np.abs(pixels - [79.5, 59.5]) < [80, 60]).all()
     steps = np.linalg.norm(np.diff(flown.centers_in_world, axis=0), axis=1)
@@ -187,9 +187,9 @@ def test_paths_keep_the_target_in_view(kind):
 
 def test_radial_distortion_reaches_the_truth():
     bent = scene(camera=SCENE["camera"] | {"radial": -0.1}, plumes=[])
-    flown = fly(bent)
+    flown = simulate_trajectory(bent)
     assert flown.camera.model == "SIMPLE_RADIAL"
-    corner = renderer_of(bent).render(0)[1].depth[0, 0]
+    corner = renderer_of(bent).render_frame(0)[1].depth[0, 0]
     assert corner == pytest.approx(WALL_FACE_M, rel=1e-3)
 
 
@@ -222,7 +222,7 @@ def test_buoyant_plume_moves_and_leans_with_the_wind(monkeypatch):
     plume = {"source": [0, 0, 1], "radius_m": 0.2, "height_m": 2.5, "amplitude_px": 1.0}
     made = scene(plumes=[plume], wind_mps=[0.3, 0.0])
     windy = renderer_of(made)
-    w = [windy.render(i)[1].displacement for i in range(2)]
+    w = [windy.render_frame(i)[1].displacement for i in range(2)]
     assert np.abs(w[1] - w[0]).max() > 0.05
     assert visible_percentile(np.array(w)) == pytest.approx(1.0, rel=0.15)
     axis = PlumeField(made, 0).axis_in_world
@@ -366,7 +366,7 @@ def test_displaced_photos_are_as_sharp_as_others():
 
     def sharpness(shift_px: float) -> float:
         w = np.full((256, 256, 2), shift_px, dtype=np.float32)
-        image = displace(photo, w, 2, ImageBlock(noise=0), np.random.default_rng(0))
+        image = displace_photo(photo, w, 2, ImageBlock(noise=0), np.random.default_rng(0))
         return float(cv2.Laplacian(image.astype(np.float32), cv2.CV_32F)[8:-8, 8:-8].std())
 
     still = sharpness(0.0)
@@ -389,7 +389,7 @@ def test_unposed_photos_are_bad_input(tmp_path, content):
 def test_real_photo_sets_load(shared_data, name):
     photos = PhotoSet.load(shared_data / "2_sfm" / name)
     assert len(photos.paths) >= 11
-    assert photos.image(0).shape[0] == photos.trajectory.camera.height
+    assert photos.read_image(0).shape[0] == photos.trajectory.camera.height
     ups = -photos.trajectory.rotations[:, 1]
     assert (ups[:, 2] > 0.5).all(), "the cameras are held upright"
     if len(photos.points_in_world):
