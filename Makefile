@@ -63,7 +63,7 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python .ci/names.py --most-loose 0
+	$(BIN)/python .ci/names.py --most-duplicates 0 --most-loose 0
 
 picture: $(VENV)/dev.stamp
 	$(BIN)/python .ci/packages.py -o docs/images/packages.svg

@@ -11,7 +11,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """A name beside `path`, of the same suffix, to write to; renamed to `path` at the end.
 
     Where the block raises, what stood at `path` is untouched and nothing else is left. Several
-    processes may write the same file: each has a name of its own, and the last one stands.
+    processes may write the same file: each has a name of its own, and the last one is kept.
     """
     unfinished = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:

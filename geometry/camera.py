@@ -16,6 +16,8 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
 
 HALF_PIXEL = 0.5
+"""Offset from COLMAP's pixel origin, the image corner, to ours, the centre of the first pixel;
+px."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +32,7 @@ class Camera:
             principal point counts from the centre of the top-left pixel.
 
     Raises:
-        BadInputError: One of them is not as said.
+        BadInputError: One of them is not valid.
     """
 
     model: str

@@ -5,7 +5,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 
 LOST_IN_ROUNDING = 1e-12
-"""Eigenvalues smaller than this share of the largest say nothing; double precision has 2e-16."""
+"""Eigenvalues smaller than this share of the largest are rounding; double precision has 2e-16."""
 
 
 def standard_deviations(covariance: FloatArray) -> FloatArray:

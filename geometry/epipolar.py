@@ -10,7 +10,10 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.trajectory import Trajectory
 
 MIN_DEPTH_RATIO = 0.05
+"""Least depth in the target over depth in the source; closer points count as at this depth.
+Chosen."""
 BAND = 48
+"""Rows that are computed together, so that they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The two ways a run can end badly, each with one line that says what, where and what to do."""
+"""The two ways a run can end badly, each with one line: what, where and what to do."""
 
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -48,7 +48,7 @@ class RegistrationError(LocateError):
 
 
 def first_complaint(error: "ValidationError") -> tuple[str, str]:
-    """Where the first thing wrong with settings stands, as names joined by dots, and what it is."""
+    """Place of the first error in settings, as names joined by dots, and its text."""
     first = error.errors()[0]
     what = str(first["msg"]).removeprefix("Value error, ")
     return ".".join(str(part) for part in first["loc"]), what

@@ -13,10 +13,11 @@ from geometry.arrays import FloatArray, FloatMap
 from geometry.trajectory import Trajectory
 
 LEVER_NONE, LEVER_FULL = 0.03, 0.28
+"""Relative levers below which a view has no weight and above which it has all of it."""
 
 
 def relative_lever(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
-    """How much of a deflection at `depth` shows, as a share: ``(Z_b - Z_p) / Z_b``.
+    """The share of a deflection at `depth` that displaces the image: ``(Z_b - Z_p) / Z_b``.
 
     1 before an infinitely far background, 0 on its surface, negative behind it.
     """
@@ -24,10 +25,10 @@ def relative_lever(depth: FloatMap, background_inverse_depth: FloatMap) -> Float
 
 
 def lever_gate(depth: FloatMap, background_inverse_depth: FloatMap) -> FloatMap:
-    """Weight in [0, 1] of what a pixel says about `depth`; 0 where nothing can bend or be seen.
+    """Weight in [0, 1] of the evidence of a pixel at `depth`; 0 where refraction is invisible.
 
     A plume close before its background displaces nothing, and behind it is hidden; where the
-    background is unknown (NaN) nothing is said.
+    background is unknown (NaN) the weight is 0.
     """
     ramp = relative_lever(depth, background_inverse_depth)
     ramp -= np.float32(LEVER_NONE)
@@ -80,7 +81,7 @@ class EvidenceGrid:
 
     Attributes:
         box: Where the voxels are.
-        llr: (Z, Y, X) summed log-likelihood ratio, nats per pixel looked at.
+        llr: (Z, Y, X) summed log-likelihood ratio, nats per observed pixel.
         weight: (Z, Y, X) number of views that could see refraction in the voxel.
     """
 

@@ -13,7 +13,9 @@ from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 
 MAX_TIME_GAP_S = 0.02
+"""Longest time between a frame and its pose."""
 MAX_ASPECT_ERROR = 0.01
+"""Largest relative difference of the aspects of a camera and an image; allows for whole px."""
 
 
 @dataclass(frozen=True, kw_only=True)

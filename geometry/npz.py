@@ -14,6 +14,7 @@ from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 
 BROKEN = (OSError, EOFError, TypeError, ValueError, BadZipFile, zlib.error)
+"""What numpy raises for an .npz file that cannot be read."""
 
 
 def save_arrays(path: Path, **arrays: ArrayLike) -> None:
@@ -34,7 +35,7 @@ def open_arrays(path: Path, what: str) -> Iterator[Any]:
     """The arrays of a .npz file by name, each read when it is asked for.
 
     Raises:
-        BadInputError: The file is missing or broken, or lacks an array; `what` says what it is not.
+        BadInputError: The file is missing, broken or lacks an array. `what` is its name for people.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:

@@ -8,6 +8,7 @@ from types import ModuleType
 from geometry.errors import LocateError
 
 CURE = "on Debian or Ubuntu: sudo apt-get install libgl1 libegl1 libx11-6 libudev1 libidn2-0"
+"""How to install what open3d lacks on a bare Linux."""
 
 
 @cache

@@ -23,12 +23,14 @@ from geometry.named_poses import NamedPoses, resize_camera
 from geometry.trajectory import Trajectory
 
 MAX_SKEW = 0.01
+"""Largest element of R R^T - I of a matrix that counts as a rotation."""
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
 DISTORTION = {"OPENCV": ("k1", "k2", "p1", "p2"), "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4")}
+"""Keys of the distortion in transforms.json, in COLMAP's order."""
 
 
 def read_named_poses(path: Path, camera: Camera | None = None) -> NamedPoses:
-    """Reads poses from a file or folder; the kind is told from its content.
+    """Reads poses from a file or folder; the kind is recognised by its content.
 
     Args:
         path: TUM (.txt), a COLMAP model folder, transforms.json, trajectory.json or truth.json.

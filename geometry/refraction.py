@@ -15,6 +15,7 @@ from geometry.errors import BadInputError
 STANDARD_TEMPERATURE_K = 273.15
 STANDARD_PRESSURE_PA = 101325.0
 AMBIENT_TEMPERATURE_K = 288.0
+"""Temperature of the surroundings where none is given, 15 degrees C."""
 
 REFRACTIVITY_AT_STANDARD = {
     "air": 2.926e-4,

@@ -16,6 +16,7 @@ from geometry.similarity import Similarity
 
 SCHEMA = "locate.trajectory/1"
 READABLE_SCHEMAS = (SCHEMA, "locate.truth/1")
+"""The truth of a simulation carries the same block."""
 
 
 @dataclass(frozen=True, kw_only=True)

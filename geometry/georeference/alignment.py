@@ -1,4 +1,4 @@
-"""The answer of a georeferencing: a similarity with its covariance, and who said what."""
+"""The result of a georeferencing: a similarity with its covariance, and a report per source."""
 
 from dataclasses import dataclass
 from typing import Any, Self
@@ -25,7 +25,7 @@ class SourceReport:
         median_residual: Median length of its residuals.
         sigma: What the fit took for one sigma of it (of one axis where it has several).
         count: Number of fixes; 1 for the others.
-        effective_count: Number of independent fixes that are worth as much.
+        effective_count: Number of independent fixes with the same information.
         outliers: Fixes that were given less than a quarter of the usual weight.
     """
 
@@ -82,7 +82,7 @@ class Alignment:
         return float(np.sqrt(max(variance, 0.0)))
 
     def to_dict(self) -> dict[str, Any]:
-        """The keys of the ``georeference`` block of map.json that say how good it is."""
+        """The keys of the ``georeference`` block of map.json that hold the fit."""
         similarity = self.target_from_source
         return {
             "enu_from_scene": {

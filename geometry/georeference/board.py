@@ -17,8 +17,11 @@ from geometry.similarity import Similarity, align_points
 from geometry.trajectory import Trajectory
 
 MIN_VIEWS = 2
+"""Fewest frames that a corner or a board must be found in to be triangulated."""
 MIN_CORNERS = 4
+"""Fewest corners of a board in a frame: those of one marker."""
 ROBUST_PX = 1.0
+"""Reprojection error, px, beyond which the soft L1 loss grows linearly; chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,7 @@ from geometry.similarity import Similarity
 
 HORIZONTAL, VERTICAL = slice(0, 2), slice(2, 3)
 CHI_SQUARE_MEDIAN = {2: 1.386, 1: 0.455}
+"""Median of the chi-square distribution by its degrees of freedom."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,11 +44,11 @@ class PositionChannel:
         return int(self.axes.stop - self.axes.start)
 
     def with_level(self, similarity: Similarity, lost: float) -> Self:
-        """With the level that the residuals show; at least the stated one where they are few.
+        """With the level estimated from the residuals; at least the stated one where they are few.
 
         Args:
-            similarity: Where the fit stands.
-            lost: Number of fixes whose worth the fit has used up.
+            similarity: The current estimate.
+            lost: Degrees of freedom that the fit takes, in fixes.
         """
         n = len(self.positions)
         squared = (self._whitened_residuals(similarity, similarity) ** 2).sum(axis=1)

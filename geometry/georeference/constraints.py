@@ -1,4 +1,4 @@
-"""What one source says of ``target_from_source``, each with its uncertainty.
+"""What one source measures of ``target_from_source``, with its uncertainty.
 
 The target is local east-north-up (z up, metres), the source the frame of the cameras. A small
 change of the transform is written in the left tangent, in the target frame: [rotation omega (rad),
@@ -18,6 +18,7 @@ from geometry.sfm.covariance import skew_matrices
 from geometry.similarity import Similarity
 
 TANGENT = ("rotation_rad", "translation_m", "log_scale")
+"""Order of the tangent, as files name it."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""``target_from_source`` from every source there is, or one line that says why not."""
+"""``target_from_source`` from every source there is, or one line with the reason why not."""
 
 from collections.abc import Sequence
 
@@ -17,10 +17,15 @@ from geometry.georeference.noise import OUTLIER_WEIGHT
 from geometry.georeference.solve import SimilarityFit, solve_constraints
 
 CONTRADICTION_SIGMAS = 5.0
+"""Mahalanobis distance beyond which a source contradicts the others; chosen."""
 MATERIAL_SCALE = 0.02
+"""Relative difference of scale below which a contradiction does not matter; chosen."""
 MATERIAL_TILT_RAD = float(np.radians(1.0))
+"""Difference of the direction of up below which a contradiction does not matter; chosen."""
 MAX_ROTATION_SIGMA_RAD = float(np.radians(15.0))
+"""Largest standard deviation of a usable rotation, where the linear covariance still holds."""
 MAX_SCALE_SIGMA = 0.3
+"""Largest relative standard deviation of a usable scale."""
 
 
 def fit_similarity(constraints: Sequence[Constraint]) -> Alignment:
@@ -39,7 +44,7 @@ def fit_similarity(constraints: Sequence[Constraint]) -> Alignment:
             that contradict each other.
     """
     if not constraints:
-        raise BadInputError("nothing says where the cameras are: give positions, up or a scale")
+        raise BadInputError("nothing is known of the cameras' place: give positions, up or a scale")
     _check_enough(constraints)
     try:
         solution = solve_constraints(constraints)
@@ -96,7 +101,7 @@ def _check_strength(solution: SimilarityFit, constraints: Sequence[Constraint]) 
 
 
 def _check_agreement(one: Constraint, rest: Sequence[Constraint]) -> None:
-    """Holds a direction or a scale against what all the others say of it."""
+    """Compares a direction or a scale with what all the others give."""
     others = [c for c in rest if isinstance(c, (type(one), PositionConstraint))]
     if isinstance(one, PositionConstraint) or not others:
         return
@@ -126,12 +131,12 @@ def _describe_contradiction(one: UpConstraint | ScaleConstraint, solution: Simil
     similarity, sigmas = solution.similarity, standard_deviations(solution.covariance)
     if isinstance(one, ScaleConstraint):
         return (
-            f"{one.name} says {one.metres_per_unit:.4g} m per unit (+- {100 * one.sigma_log:.2g} "
+            f"{one.name} gives {one.metres_per_unit:.4g} m per unit (+- {100 * one.sigma_log:.2g} "
             f"%), the rest {similarity.scale:.4g} (+- {100 * sigmas[6]:.2g} %)"
         )
     tilt_deg = np.degrees(np.linalg.norm(one.residuals(similarity)) * one.sigma_rad)
     return (
-        f"{one.name} says up is {tilt_deg:.1f} deg (+- {np.degrees(one.sigma_rad):.1f}) from "
+        f"{one.name} has up {tilt_deg:.1f} deg (+- {np.degrees(one.sigma_rad):.1f}) from "
         f"where the rest has it (+- {np.degrees(sigmas[:2].max()):.1f})"
     )
 

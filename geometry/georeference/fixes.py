@@ -8,6 +8,7 @@ from geometry.georeference.constraints import PositionConstraint
 from geometry.trajectory import Trajectory
 
 MAX_FIXES = 200
+"""Most fixes of one source in the fit, whose cost grows with their number cubed."""
 
 
 def positions_of_cameras(
@@ -21,7 +22,7 @@ def positions_of_cameras(
     """Fixes of the cameras.
 
     A fix that repeats the one before while the camera moved on is a stale one and is left out.
-    Above `MAX_FIXES` they are thinned evenly: neighbours say the same.
+    Above `MAX_FIXES` they are thinned evenly: neighbours share their error.
 
     Args:
         trajectory: N cameras.

@@ -110,7 +110,7 @@ class Georeference:
         return heights if np.isfinite(heights).all() else None
 
     def to_dict(self) -> dict[str, Any]:
-        """The keys of the ``georeference`` block of map.json that say where the origin is."""
+        """The keys of the ``georeference`` block of map.json that hold the origin."""
         return {
             "origin_name": self.name,
             "origin_lat_deg": self.lat_deg,
@@ -149,7 +149,7 @@ class Georeference:
     def _geodetic_from_enu(self) -> Any:
         from pyproj import Transformer
 
-        # The default ellipsoid of some tools is GRS80, and EPSG:4326 drops the height: say both.
+        # Stated: some tools take GRS80 for the default ellipsoid, and EPSG:4326 drops the height.
         return Transformer.from_pipeline(
             "+proj=pipeline +step +inv +proj=topocentric +ellps=WGS84"
             f" +lat_0={self.lat_deg:.17g} +lon_0={self.lon_deg:.17g} +h_0={self.height_m:.17g}"

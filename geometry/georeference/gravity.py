@@ -9,6 +9,7 @@ from geometry.georeference.ground import ground_plane
 from geometry.trajectory import Trajectory
 
 MAD_TO_SIGMA = 1.4826
+"""Standard deviation over median absolute deviation, of a Gaussian."""
 
 
 def up_from_gimbal(
@@ -59,7 +60,7 @@ def up_from_vectors(
     """
     known = np.isfinite(ups_in_cam).all(axis=1) & (np.linalg.norm(ups_in_cam, axis=1) > 0)
     if not known.any():
-        raise BadInputError(f"{name}: no frame says where up is")
+        raise BadInputError(f"{name}: no frame has a direction of up")
     ups = np.einsum("nji,nj->ni", trajectory.rotations[known], ups_in_cam[known])
     ups /= np.linalg.norm(ups, axis=1, keepdims=True)
     middle = np.median(ups, axis=0)
@@ -92,7 +93,7 @@ def up_from_ground(
         trajectory: The cameras, in a world frame whose Z is roughly up.
         points_in_world: (M, 3) sparse points.
         slope_sigma_deg: How level the ground is, about each axis. The fit itself is good to 0.4
-            deg; what limits it is the ground, so say what you know of it.
+            deg; the slope of the ground limits it: state what is known of that.
         name: Of the source.
 
     Raises:

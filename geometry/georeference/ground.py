@@ -8,8 +8,11 @@ from geometry.sfm.gauge import dominant_plane
 from geometry.trajectory import Trajectory
 
 MIN_PLANE_SHARE = 0.1
+"""Least share of the points that lie on the ground plane."""
 PLANE_TOLERANCE = 0.02
+"""Distance from the plane at which a point lies on it, over the distance to the points."""
 OFFSET_CANDIDATES = 1000
+"""About how many heights of points are tried as that of the plane."""
 
 
 def ground_plane(trajectory: Trajectory, points_in_world: FloatArray) -> tuple[FloatArray, float]:

@@ -11,8 +11,11 @@ from geometry.georeference.ground import ground_plane
 from geometry.trajectory import Trajectory
 
 MAD_TO_SIGMA = 1.4826
+"""Standard deviation over median absolute deviation, of a Gaussian."""
 ROBUST_SIGMAS = 3.0
+"""Residual, in sigmas, beyond which the soft L1 loss grows linearly; chosen."""
 MAX_CONDITION = 1e8
+"""Condition of the normal matrix beyond which rays count as parallel."""
 
 
 def point_from_pixels(
@@ -114,7 +117,7 @@ def scale_from_height(
         points_in_world: (M, 3) sparse points.
         heights_m: One for all, or (N,); NaN where not known.
         sigma_m: Of a height. Taken as one error that all frames share: the ground is not where
-            the drone took off, and a person's eye is where it is.
+            the drone took off, and a camera in the hand has a height of its own.
         name: Of the source.
 
     Raises:

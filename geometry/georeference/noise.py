@@ -16,11 +16,17 @@ from geometry.arrays import FloatArray
 
 REACH = {1: 4.685, 2: 5.12}  # of the bisquare, 95 % efficient under Gaussian noise
 OUTLIER_WEIGHT = 0.25
+"""Bisquare weight below which a fix counts as an outlier; chosen."""
 MIN_FREE = 5
+"""Fewest degrees of freedom from which a noise level is estimated; chosen."""
 TIME_CONSTANTS = 6
+"""Number of correlation times in the grid."""
 LONGEST_SHARE = 0.5
+"""Longest correlation time of the grid, over the length of the record."""
 SHARES = (0.7, 1.0)
+"""Shares of the noise that is correlated in time, in the grid."""
 INDEPENDENT_PRIOR = 0.8
+"""Prior probability that the errors of the fixes are independent; chosen."""
 
 
 def bisquare_weights(squared: FloatArray, dims: int) -> FloatArray:

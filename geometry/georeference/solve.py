@@ -20,9 +20,11 @@ from geometry.georeference.start import align_by_least_median, rotation_to_uprig
 from geometry.similarity import Similarity
 
 MAX_ROUNDS = 30
+"""Most rounds of reweighting."""
 CONVERGED = 1e-3
+"""Change of a step, and relative change of a noise level, at which the rounds end."""
 UNKNOWN_VARIANCE = 1e12
-"""Along what the constraints leave free, in units of what one fix tells; anything huge will do."""
+"""Along what the constraints leave free, in variances of one fix; any huge number will do."""
 
 
 @dataclass(frozen=True, kw_only=True)

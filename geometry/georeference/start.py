@@ -6,7 +6,9 @@ from geometry.arrays import FloatArray
 from geometry.similarity import Similarity, align_points
 
 TRIALS = 100
+"""Random triples; one of them is free of outliers almost surely while these are under half."""
 SAMPLE = 3
+"""Points of a triple."""
 SEED = 0
 
 

@@ -1,4 +1,4 @@
-"""What a reconstruction must show before it is believed, and the names of what goes wrong."""
+"""What a reconstruction must fulfil to be accepted, and the errors where it does not."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,22 +15,39 @@ from geometry.errors import RegistrationError, RegistrationFailure
 from geometry.sfm.features import MatchedPair
 
 MIN_FRAMES = 3
+"""Fewest frames of a reconstruction."""
 MIN_FEATURES = 60
+"""Least median number of features of an image; chosen."""
 MIN_SHARE = 0.6
+"""Least share of the frames that must be registered, or connected by matches."""
 MIN_POINTS_PER_IMAGE = 30
+"""Least median number of points of an image, and least number of matches that connect two."""
 MIN_ANGLE_DEG = 1.0
+"""Least median triangulation angle; below it depth is noise."""
 MAX_FOCAL_DRIFT = 1.4
+"""Largest factor between the estimated focal length and that of the metadata."""
 FOCAL_RANGE = (0.35, 8.0)
+"""Focal lengths of lenses in use, over the longest side of the image."""
 STATIC_SHARE = 0.01
+"""Image motion below which a camera counts as static, over the longest side."""
 ROTATION_RESIDUAL_SHARE = 1.0 / 640
+"""Misfit of a pure rotation below which it explains a pair, over the longest side."""
 ROTATION_PAIR_SHARE = 0.9
+"""Share of the pairs that a rotation must explain for the camera to have turned on the spot."""
 MAX_DISAGREEMENT = 0.05
+"""Largest distance between the paths of two methods, over their spread; chosen."""
 MAX_ROTATION_DISAGREEMENT_DEG = 2.0
+"""Largest median angle between the orientations of two methods; chosen."""
 MAX_ROUGHNESS = 1.2
+"""Largest roughness of a path: 1.7 for a random scatter, well below 1 for a carried camera."""
 SUPPORT_PX = 3.0
+"""Sampson error below which poses explain a match, px."""
 MIN_SUPPORT = 0.6
+"""Least share of matches that poses explain where a second method agrees."""
 MIN_SUPPORT_ALONE = 0.85
-OPINION_FRAMES = 12
+"""The same where the second method does not agree."""
+SECOND_METHOD_FRAMES = 12
+"""About how many frames the second method uses."""
 
 CURES = {
     RegistrationFailure.TOO_FEW_FRAMES: (
@@ -58,10 +75,11 @@ CURES = {
         "or give poses with --poses"
     ),
 }
+"""What a person can do about each failure."""
 
 
 def registration_error(failure: RegistrationFailure, what: str) -> RegistrationError:
-    """The error that names a failure, says what was seen and how to cure it."""
+    """The error that names a failure, its symptom and its cure."""
     return RegistrationError(failure, f"{what}; {CURES[failure]}")
 
 
@@ -129,7 +147,7 @@ def check_focal(focal_px: float, prior_px: float | None, side: int) -> None:
     if prior_px is not None and not 1 / MAX_FOCAL_DRIFT < focal_px / prior_px < MAX_FOCAL_DRIFT:
         raise registration_error(
             RegistrationFailure.FOCAL_DIVERGED,
-            f"estimated at {focal_px:.0f} px where the metadata says {prior_px:.0f} px",
+            f"estimated at {focal_px:.0f} px where the metadata has {prior_px:.0f} px",
         )
     if not low < focal_px / side < high:
         raise registration_error(
@@ -154,14 +172,14 @@ class PathDisagreement:
 
     @property
     def is_tolerable(self) -> bool:
-        """Both tell the same path."""
+        """Both are the same path."""
         return (
             self.center_share < MAX_DISAGREEMENT
             and self.rotation_deg < MAX_ROTATION_DISAGREEMENT_DEG
         )
 
 
-NO_OPINION = PathDisagreement(center_share=float("inf"), rotation_deg=180.0, count=0)
+NOT_COMPARED = PathDisagreement(center_share=float("inf"), rotation_deg=180.0, count=0)
 
 
 def compare_paths(
@@ -177,7 +195,7 @@ def compare_paths(
     """
     n = len(centers_a)
     if n < 2:
-        return NO_OPINION
+        return NOT_COMPARED
     b_from_a = Rotation.from_matrix(np.swapaxes(rotations_b, 1, 2) @ rotations_a)
     mean = _median_rotation(b_from_a)
     angles = (mean.inv() * b_from_a).magnitude()
@@ -207,7 +225,7 @@ def path_roughness(centers: FloatArray, indices: IntArray) -> float:
     """How jagged a path is: median bend of a step over the median step.
 
     About 1.7 for a random scatter, well below 1 for a camera that is carried. NaN where fewer than
-    five centres tell nothing.
+    five centres are too few to measure it.
 
     Args:
         centers: (N, 3) in order of time.

@@ -13,7 +13,9 @@ import pycolmap
 from geometry.arrays import FloatArray, IntArray
 
 INFLATION = 3.0
+"""Factor on the formal standard deviations; how it was set is at `pose_covariances`."""
 _MAD_TO_SIGMA = 1.4826
+"""Standard deviation over median absolute deviation, of a Gaussian."""
 
 
 def pose_covariances(

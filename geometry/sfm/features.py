@@ -11,15 +11,24 @@ from geometry.arrays import FloatArray
 from geometry.camera import Camera
 
 MAX_FEATURES = 1500
+"""Most SIFT features of an image."""
 FIRST_OCTAVE = 0
+"""First octave of SIFT: 0 is the image as it is."""
 FINE_MAX_FEATURES = 4096
+"""Most features of the second attempt."""
 FINE_FIRST_OCTAVE = -1
+"""First octave of the second attempt: -1 doubles the image."""
 DEFAULT_FOCAL_FACTOR = 1.2
+"""Focal length over the longest side where nothing is known, COLMAP's default."""
 EXHAUSTIVE_UP_TO = 60
+"""Most images of which every pair is matched."""
 SEED = 0
 THREADS = 1
+"""Of COLMAP: one, so that the same input gives the same result."""
 CHUNK = 10
+"""Images between two reports of progress."""
 SEQUENTIAL_OCTAVES = 10
+"""Number of step lengths between matched images; each is twice the one before."""
 FEWEST_TRIALS = 20  # of RANSAC; its confidence asks for more where matches are poor
 
 

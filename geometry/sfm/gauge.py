@@ -7,13 +7,21 @@ from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 
 VIEW_DISTANCE = 10.0
+"""Median distance from cameras to points in the scene frame, scene units."""
 MAX_TILT_DEG = 35.0
+"""Largest angle between the ground's normal and the cameras' up axis; no wall is within it."""
 PLANE_TRIALS = 400
+"""Random triples of RANSAC."""
 PLANE_TOLERANCE = 0.02
+"""Distance from a plane at which a point lies on it, over the view distance."""
 MIN_PLANE_SHARE = 0.1
+"""Least share of the points on a ground plane."""
 MIN_SURVEY_SHARE = 0.5
+"""Least share of the points on the ground of a survey from above."""
 MIN_SURVEY_TURN = 0.5
+"""Rms spread of unit headings beyond which a survey turns between its strips."""
 MIN_SURVEY_ASPECT = 0.25
+"""Width over length of a survey's path, beyond which it covers an area."""
 SEED = 0
 
 
@@ -24,7 +32,7 @@ def normalising_transform(
 
     Up is the normal of the plane that most points lie on among those within `MAX_TILT_DEG` of the
     cameras' mean up axis (so no wall), that axis itself where such a plane holds too few points,
-    or the normal of what the cameras look straight down on.
+    or the normal of the plane straight below the cameras.
 
     Args:
         trajectory: In the world frame of the reconstruction.

@@ -9,9 +9,12 @@ from geometry.sfm.covariance import residual_sigma_px
 from geometry.sfm.features import SEED, THREADS
 
 MIN_MODEL_IMAGES = 3
+"""Fewest images of a model that COLMAP keeps."""
 TRACKS_PER_VIEW = 100
+"""Tracks that global mapping uses of each image, for speed."""
 GLOBAL_TOLERANCE = 1e-3  # of the cost; `adjust_bundle` follows
 ROUGH_TOLERANCE, FINE_TOLERANCE = 1e-2, 1e-4
+"""Relative change of the cost at which the two adjustments end."""
 
 
 def map_globally(
@@ -92,7 +95,7 @@ def adjust_bundle(model: pycolmap.Reconstruction, *, refine_camera: bool) -> Non
     """The last bundle adjustments, in place: a rough one, and one that outliers do not bend.
 
     The robust loss has the scale of the residuals themselves: most features are good to a fifth of
-    a pixel, and those a moving plume carries off are not. What that scale is, the rough one tells.
+    a pixel, and those a moving plume carries off are not. The rough one gives that scale.
     """
     for tolerance in (ROUGH_TOLERANCE, FINE_TOLERANCE):
         _adjust_once(model, refine_camera=refine_camera, tolerance=tolerance)

@@ -1,4 +1,4 @@
-"""Frames to poses: match, map, ask for a second opinion, adjust, check, put into a scene frame."""
+"""Frames to poses: match, map, compare with a second method, adjust, check, normalise."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class _MappingJob:
 class _MappedModel:
     model: pycolmap.Reconstruction
     method: str
-    opinion: checks.PathDisagreement
+    difference: checks.PathDisagreement
 
 
 def reconstruct(
@@ -73,7 +73,7 @@ def reconstruct(
 ) -> result.Reconstruction:
     """Estimates the pose of every frame, the camera, and a sparse set of points.
 
-    The world is a scene frame: Z up as a guess, 10 units from the cameras to what they look at.
+    The world is a scene frame: Z up as a guess, 10 units from the cameras to the points they see.
 
     Args:
         image_dir: Folder of the images.
@@ -161,36 +161,36 @@ def _image_size(path: Path) -> tuple[int, int]:
 
 
 def _map_and_verify(job: _MappingJob) -> _MappedModel:
-    """Global mapping where a second opinion supports it, incremental mapping where not."""
+    """Global mapping where a second method agrees with it, incremental mapping where not."""
     job.progress("mapping", 0.0)
     models = mapping.map_globally(
         job.database, job.image_dir, job.workdir / "global", refine_camera=job.refine
     )
     job.progress("mapping", 0.4)
-    subset, complete = _second_opinion(job)
+    subset, complete = _map_second_method(job)
     job.progress("mapping", 0.5)
     reasons = []
     if models and subset and _registered_share(models[0], job) >= checks.MIN_SHARE:
-        opinion = _compare_models(models[0], subset[0])
-        if opinion.is_tolerable and _epipolar_support(models[0], job) >= checks.MIN_SUPPORT:
-            return _MappedModel(model=models[0], method="global", opinion=opinion)
-        reasons.append(f"global and subset differ by {opinion.center_share:.0%} of the path")
+        difference = _compare_models(models[0], subset[0])
+        if difference.is_tolerable and _epipolar_support(models[0], job) >= checks.MIN_SUPPORT:
+            return _MappedModel(model=models[0], method="global", difference=difference)
+        reasons.append(f"global and subset differ by {difference.center_share:.0%} of the path")
     full = subset if complete else _map_incrementally(job, job.names)
     if full and _registered_share(full[0], job) >= checks.MIN_SHARE:
         reference = models if complete else subset
         support = _epipolar_support(full[0], job)
-        opinion = _compare_models(full[0], reference[0]) if reference else checks.NO_OPINION
-        needed = checks.MIN_SUPPORT if opinion.is_tolerable else checks.MIN_SUPPORT_ALONE
-        if support >= needed and (opinion.is_tolerable or complete):
-            return _MappedModel(model=full[0], method="incremental", opinion=opinion)
+        difference = _compare_models(full[0], reference[0]) if reference else checks.NOT_COMPARED
+        needed = checks.MIN_SUPPORT if difference.is_tolerable else checks.MIN_SUPPORT_ALONE
+        if support >= needed and (difference.is_tolerable or complete):
+            return _MappedModel(model=full[0], method="incremental", difference=difference)
         reasons.append(f"incremental and {'global' if complete else 'subset'} differ too")
     raise _failure_of(job, full or models, reasons)
 
 
-def _second_opinion(job: _MappingJob) -> tuple[list[pycolmap.Reconstruction], bool]:
+def _map_second_method(job: _MappingJob) -> tuple[list[pycolmap.Reconstruction], bool]:
     """Incremental mapping of a spread subset; True where it had to be all images."""
     count = len(job.names)
-    stride = 2 ** max(0, int(np.log2(count / checks.OPINION_FRAMES)))
+    stride = 2 ** max(0, int(np.log2(count / checks.SECOND_METHOD_FRAMES)))
     while stride > 1:
         subset = job.names[::stride]
         models = _map_incrementally(job, subset)
@@ -234,7 +234,7 @@ def _compare_models(
     poses_a, poses_b = summary.poses_by_name(a), summary.poses_by_name(b)
     common = sorted(poses_a.keys() & poses_b.keys())
     if not common:
-        return checks.NO_OPINION
+        return checks.NOT_COMPARED
     return checks.compare_paths(
         np.array([poses_a[name][0] for name in common]),
         np.array([poses_a[name][1] for name in common]),
@@ -296,9 +296,9 @@ def _finish_reconstruction(
         "method": solution.method,
         "registered_share": len(ids) / len(job.names),
         "registered_frames": len(ids),
-        "second_opinion_center_share": solution.opinion.center_share,
-        "second_opinion_rotation_deg": solution.opinion.rotation_deg,
-        "second_opinion_frames": solution.opinion.count,
+        "second_opinion_center_share": solution.difference.center_share,
+        "second_opinion_rotation_deg": solution.difference.rotation_deg,
+        "second_opinion_frames": solution.difference.count,
         "epipolar_support": _epipolar_support(model, job),
         "focal_prior_px": focal_prior_px,
         "up_from": up_source,

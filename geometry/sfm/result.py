@@ -18,7 +18,7 @@ class Reconstruction:
     """Registered frames and the sparse points they see, in a normalised scene frame.
 
     Attributes:
-        trajectory: The F registered frames; `indices` says which of the frames given they are.
+        trajectory: The F registered frames; `indices` are theirs among the frames given.
         names: F image names, in the order of the trajectory.
         points_in_world: (M, 3) sparse points, scene units.
         point_errors_px: (M,) mean reprojection error of each point.

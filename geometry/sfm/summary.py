@@ -101,7 +101,7 @@ def quality_report(
     points_in_world: FloatArray,
     visible: tuple[IntArray, ...],
 ) -> dict[str, Any]:
-    """Plain numbers that say how good a reconstruction is."""
+    """Plain numbers on the quality of a reconstruction."""
     angles = triangulation_angles_deg(poses.centers_in_world, points_in_world, visible)
     return {
         "points": len(points_in_world),

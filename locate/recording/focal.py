@@ -8,11 +8,15 @@ from pathlib import Path
 import pycolmap
 
 HEADER_BYTES = 256 * 1024
+"""Beginning of a file that is searched for metadata."""
 FULL_FRAME_WIDTH_MM = 36.0
+"""Width of 35 mm film, which equivalent focal lengths refer to."""
 EXIF_IFD, FOCAL_MM, PIXELS_X, PIXELS_Y = 0x8769, 0x920A, 0xA002, 0xA003
 PLANE_X_RESOLUTION, PLANE_UNIT, FOCAL_35MM = 0xA20E, 0xA210, 0xA405
 UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+"""Length units of EXIF, by code."""
 _TYPES = {1: "B", 3: "H", 4: "I", 5: "II", 9: "i", 10: "ii"}
+"""Number types of EXIF, by code, as `struct` names them."""
 _VIDEO_KEY = re.compile(r"focal.?length.*35", re.IGNORECASE)
 _DJI_CALIBRATED = re.compile(rb'CalibratedFocalLength(?:="|>)\s*([\d.]+)')
 
@@ -31,7 +35,7 @@ class FocalPrior:
 
 
 def focal_of_photo(path: Path) -> FocalPrior | None:
-    """Reads XMP and EXIF of a photo; None where they say nothing of use.
+    """Reads XMP and EXIF of a photo; None where they hold no focal length.
 
     EXIF pixel dimensions may state the size of an original that was since resized, so the sensor
     size is worked out from those and the focal length taken relative to the image's side.

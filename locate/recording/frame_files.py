@@ -15,11 +15,12 @@ from locate.recording.posed_frames import PosedFrames
 from locate.recording.recording import Recording
 
 PHOTOS_FPS = 4.0
+"""Frames per second of a video made from photos, slow enough to look at each."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameFiles:
-    """Frames that stand in files of one folder.
+    """Frames in files of one folder.
 
     Attributes:
         folder: That folder.

@@ -16,7 +16,9 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 
 CACHED = 24
+"""Images kept in memory."""
 INVISIBLE_PX = 0.05
+"""Distortion below which an image counts as undistorted, px."""
 
 
 class FrameImages(Sequence[GreyImage]):

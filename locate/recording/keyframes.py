@@ -14,12 +14,20 @@ from locate.recording.motion import StillnessTest, make_thumbnail, measure_sharp
 from locate.recording.recording import Recording
 
 TARGET_MOTION = 0.005
+"""Image motion wanted between key frames, over the width."""
 WINDOW = 0.25
+"""How far the motion may be from the target, over the target."""
 SHARPER = 1.2
+"""Factor of sharpness from which a frame off the target is preferred."""
 THUMBNAIL_SIDE = 320
+"""Longest side of the images whose motion is measured, px."""
 MIN_KEY_FRAMES = 8
+"""Fewest frames spaced by motion; with less, frames are spread over the whole path."""
 MAX_WAITING = 256
+"""Most candidates in memory."""
 CLOSELY_S, ROW_SPACING_S = 0.12, 1 / 15
+"""Of a camera at rest: spacing in time beyond which half the frames are taken in a row, and
+their spacing there."""
 
 Progress = Callable[[str, float], None]
 
@@ -89,7 +97,7 @@ def select_frames(
         max_frames: The most frames to keep.
         target_motion: Median image motion wanted between neighbours, as a share of the width.
         progress: Called with a stage name and the fraction of the whole call, which never falls:
-            watching is the first half, writing the second; -1 while watching a recording whose
+            measuring motion is the first half, writing the second; -1 while measuring where the
             length is unknown.
 
     Returns:

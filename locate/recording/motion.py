@@ -6,10 +6,15 @@ import numpy as np
 from geometry.arrays import BoolArray, FloatArray, GreyImage
 
 MAX_POINTS = 300
+"""Most corners that are tracked."""
 STILL_PX = 0.1
+"""Motion of the whole image below which the camera is at rest, px of the thumbnail."""
 STILL_SIDE = 640
+"""Longest side of the thumbnail for that test, px."""
 _SHIMMER_PX = 1.0
+"""Scatter of tracks below which moving air explains the motion, px."""
 _DECIDED = 5
+"""Excess of moved frames over still ones after which the camera counts as moving."""
 
 
 def track_corners(reference: GreyImage, image: GreyImage) -> tuple[FloatArray, FloatArray]:
@@ -67,7 +72,7 @@ class StillnessTest:
 
     @property
     def is_still(self) -> bool:
-        """True where nine frames in ten stand where the first one does."""
+        """True where nine frames in ten are in the place of the first."""
         return self._still.count(True) >= 0.9 * max(len(self._still), 1)
 
     def _matches_reference(self, image: GreyImage) -> bool:

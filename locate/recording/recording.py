@@ -15,9 +15,12 @@ from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
 from locate.recording.images import read_grey
 
 DEFAULT_MAX_SIDE = 1280
+"""Longest side at which frames are processed, px."""
 ANY_SIDE = 1 << 30
+"""A longest side that reduces no image, px."""
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"})
 MISSING_TAIL_S = 0.5
+"""Missing end of a video from which on it counts as truncated."""
 NamedImage = tuple[float, str, GreyImage]
 UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 

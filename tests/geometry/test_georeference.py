@@ -184,7 +184,7 @@ def test_sources_that_contradict_each_other_are_refused_in_one_line() -> None:
     wrong = ScaleConstraint(
         name="known distance", metres_per_unit=2 * flight.enu_from_scene.scale, sigma_log=0.01
     )
-    with pytest.raises(BadInputError, match=r"known distance says .* sigma apart") as refusal:
+    with pytest.raises(BadInputError, match=r"known distance gives .* sigma apart") as refusal:
         fit_similarity([flight.fixes, wrong])
     assert "\n" not in str(refusal.value)
     sideways = UpConstraint(
@@ -192,7 +192,7 @@ def test_sources_that_contradict_each_other_are_refused_in_one_line() -> None:
         up_in_source=flight.scene_from_enu.rotation @ [1.0, 0.0, 0.0],
         sigma_rad=np.radians(0.5),
     )
-    with pytest.raises(BadInputError, match=r"gimbal says up is (89|9\d)\.\d deg"):
+    with pytest.raises(BadInputError, match=r"gimbal has up (89|9\d)\.\d deg"):
         fit_similarity([flight.fixes, sideways])
 
 
@@ -218,7 +218,7 @@ def test_four_fixes_that_miss_their_stated_sigma_widen_it() -> None:
 
 
 def test_nothing_and_a_resting_camera_are_refused() -> None:
-    with pytest.raises(BadInputError, match="nothing says"):
+    with pytest.raises(BadInputError, match="nothing is known"):
         fit_similarity([])
     fixes = survey(np.tile([[1.0, 2.0, 3.0]], (9, 1)), np.random.default_rng(1)).fixes
     with pytest.raises(BadInputError, match="same point"):
