@@ -42,7 +42,7 @@ def test_silence_has_an_error_of_the_plumes_own_size(seen: rows.Seen) -> None:
         displacement=np.zeros_like(seen.truth), sigma_px=np.ones(SHAPE), llr=np.zeros(SHAPE)
     )
     assert cells(replace(seen, answer=nothing)) == [
-        "1", "0.1500 / 0.1500", "0.300 / 0.300", "0.00", "0.500", "silent", "0.00", "0.00", "",
+        "1", "0.1500 / 0.1500", "0.300 / 0.300", "0.00", "0.500", "none", "0.00", "0.00", "",
     ]  # fmt: skip
 
 

@@ -16,7 +16,8 @@ from locate.export.pictures import displacement_picture
 
 PLUME_PX, STILL_PX, MASK_NATS = 0.06, 0.02, 2.0
 HEADER = ("| {what} | frames | magnitude error at mean, px | EPE / of zero, px | r | AUROC | "
-          "precision | recall | speaks | beside objects, px |\n" + "|---" * 10 + "|")  # fmt: skip
+          "precision | recall | with evidence | beside objects, px |\n"
+          + "|---" * 10 + "|")  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,7 @@ def row(frames: Sequence[Seen]) -> str:
         f"{error[plume].mean():.3f} / {size[plume].mean():.3f}",
         f"{r:.2f}",
         f"{auroc(llr[asked], plume[asked]):.3f}",
-        f"{plume[judged].mean():.2f}" if judged.any() else "silent",
+        f"{plume[judged].mean():.2f}" if judged.any() else "none",
         f"{mask[plume].mean():.2f}",
         f"{(llr != 0)[counts].mean():.2f}",
     ]

@@ -6,7 +6,7 @@ AUROC and average precision (AP) of the score, for dybs its llr before the bound
 length of the error over positives, beside that of an answer of zero; magnitude error, the mean of
 ||answer| - |w|| over all pixels of samples with a plume, beside the mean |w|; r, the correlation of
 both components over positives; ECE, the expected calibration error of the stated probability, in 15
-bins, where the detector speaks; precision and recall of llr > 2, the default mask; speaks, the
-share of pixels with any evidence. The null knows the place in the frame and nothing else: the share
+bins, where there is evidence; precision and recall of llr > 2, the default mask; with evidence, the
+share of pixels that have any. The null knows the place in the frame and nothing else: the share
 of positives there in the validation samples.
 """

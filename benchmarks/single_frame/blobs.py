@@ -24,7 +24,7 @@ def main(options: argparse.Namespace) -> None:
     for folder in sorted(options.others.iterdir()) if options.others else []:
         found = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in {".jpg", ".png"}]
         groups[folder.name] = found
-    print("| network | photos | number | false blobs | per 100 | share of pixels that speak |\n|"
+    print("| network | photos | number | false blobs | per 100 | share of pixels with evidence |\n|"
           + "---|" * 6)  # fmt: skip
     for path in options.networks:
         detector, every, all_blobs = DybsDetector(path), 0, 0
@@ -34,7 +34,7 @@ def main(options: argparse.Namespace) -> None:
                 cv2.connectedComponents((x > MASK_NATS).astype(np.uint8))[0] - 1 for x in llrs
             )
             every, all_blobs = every + len(photos), all_blobs + count
-            speaks = np.mean([(llr != 0).mean() for llr in llrs])
+            share = np.mean([(llr != 0).mean() for llr in llrs])
             print(f"| {path.stem} | {name} | {len(photos)} | {count} | "
-                  f"{100 * count / len(photos):.1f} | {speaks:.3f} |", flush=True)  # fmt: skip
+                  f"{100 * count / len(photos):.1f} | {share:.3f} |", flush=True)  # fmt: skip
         print(f"| {path.stem} | all | {every} | {all_blobs} | {100 * all_blobs / every:.1f} | |")

@@ -49,7 +49,7 @@ class Contenders:
         )
         yield "waves alone", waves_alone(measurement.measured, image.shape)
         says = measurement.refined or {"logit": np.zeros(image.shape, np.float32)}
-        yield "judge alone", Answer(score=says["logit"], displacement=says.get("displacement"))
+        yield "refinement alone", Answer(score=says["logit"], displacement=says.get("displacement"))
         for name, detector in self._detectors.items():
             seen = detector.estimator.network_maps(image)
             yield f"{name} alone", Answer(score=seen["logit"], displacement=seen["displacement"])

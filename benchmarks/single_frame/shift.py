@@ -46,7 +46,7 @@ def main(options: argparse.Namespace) -> None:
                 [stated(some, 0) for some in estimates],
                 change,
             )
-        print_shift("judge", family, [stated(some, 1) for some in estimates], "")
+        print_shift("refinement", family, [stated(some, 1) for some in estimates], "")
 
 
 def stated(estimates: Sequence[Estimate], score: int) -> float:

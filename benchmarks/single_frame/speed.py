@@ -50,8 +50,8 @@ def main(options: argparse.Namespace) -> None:
     for name, seen in whole.items():
         if seen is not lattice:
             timed(f"edges, {name}", lambda i=seen: measure_edges(i))
-    measured, judge = measure_pattern(lattice, texture_classes(lattice)), RefinementNetwork()
-    timed("judge, onnxruntime", lambda: judge(measured, SHAPE))
+    measured, refine = measure_pattern(lattice, texture_classes(lattice)), RefinementNetwork()
+    timed("refinement, onnxruntime", lambda: refine(measured, SHAPE))
     if options.paper:
         time_paper(image)
 

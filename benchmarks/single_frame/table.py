@@ -49,14 +49,14 @@ def main(options: argparse.Namespace) -> None:
         for name, answer in contenders.answers(sample.image):
             tallies[sample.family, name].add(sample, answer)
     print("| background | contender | AUROC | AP | EPE / of zero, px | magnitude error at mean, px "
-          "| r | ECE | precision | recall | speaks |\n|" + "---|" * 11)  # fmt: skip
+          "| r | ECE | precision | recall | with evidence |\n|" + "---|" * 11)  # fmt: skip
     for family in FAMILIES:
         for (of, name), tally in tallies.items():
             if of == family and (name != "waves alone" or family in LATTICES):
                 print(f"| {family} | {name} | {tally.row(moves=name != 'null')} |", flush=True)
     if options.plot:
         first = Network(options.networks[0]).name
-        names = ("null", "waves alone", "judge alone", f"{first} alone", f"dybs, {first}")
+        names = ("null", "waves alone", "refinement alone", f"{first} alone", f"dybs, {first}")
         curves = {}
         for family in ("sinusoid", "checkerboard", "lines", "scene"):
             shown = [name for name in names if family in LATTICES or name != "waves alone"]

@@ -66,7 +66,7 @@ class Tally:
         judged = counts & (llr != 0)
         ece = expected_calibration_error(stated[judged], positive[judged])
         mask = (llr > MASK_NATS) & counts
-        precision = f"{positive[mask].mean():.2f} of {mask.sum()}" if mask.any() else "silent"
+        precision = f"{positive[mask].mean():.2f} of {mask.sum()}" if mask.any() else "none"
         recall = (llr > MASK_NATS)[positive].mean()
         return ["" if np.isnan(ece) else f"{ece:.3f}", precision, f"{recall:.2f}",
                 f"{(llr != 0).mean():.2f}"]  # fmt: skip
