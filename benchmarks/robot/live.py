@@ -74,8 +74,8 @@ def resident_mb() -> float:
 
 def cpu_s() -> float:
     """Of all processes: fields 14 and 15 of stat, behind the name in brackets."""
-    told = [(path / "stat").read_text().rpartition(")")[2].split() for path in processes()]
-    return sum(int(words[11]) + int(words[12]) for words in told) / os.sysconf("SC_CLK_TCK")
+    fields = [(path / "stat").read_text().rpartition(")")[2].split() for path in processes()]
+    return sum(int(words[11]) + int(words[12]) for words in fields) / os.sysconf("SC_CLK_TCK")
 
 
 def quantiles(values: list[float]) -> str:
@@ -98,10 +98,10 @@ def live(locator: Locator, truth: Trajectory, seconds: float) -> list[float]:
         now = time.monotonic()
         if now - started > seconds:
             break
-        news = locator.feed(image, pose, COVARIANCE, round((now - started) * NS))
+        updates = locator.feed(image, pose, COVARIANCE, round((now - started) * NS))
         feeding_ms.append(1e3 * (time.monotonic() - now))
-        latency_s += [time.monotonic() - started - update.stamp_ns / NS for update in news]
-        for update in news:
+        latency_s += [time.monotonic() - started - update.stamp_ns / NS for update in updates]
+        for update in updates:
             first_s.setdefault(update.state, round(time.monotonic() - started, 1))
         if count % max(round(seconds * RATE_HZ / SAMPLES), 1) == 0:
             memory_mb.append(resident_mb())

@@ -216,14 +216,14 @@ def test_results_are_a_bag_that_other_readers_open(
     assert PlumeMap.load(output / "map.json").plumes[0].source.tolist() == plume.source.tolist()
 
     reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed")
-    heard: dict[str, Any] = {}
+    received: dict[str, Any] = {}
     for message in reader.read_ros2_messages(str(output / "plumes" / "plumes.mcap")):
-        heard[message.channel.topic] = message.ros_msg
-    assert set(heard) == {"/locate/markers", "/locate/points", "/locate/leak_1"}
-    place = heard["/locate/leak_1"].pose.pose.position
+        received[message.channel.topic] = message.ros_msg
+    assert set(received) == {"/locate/markers", "/locate/points", "/locate/leak_1"}
+    place = received["/locate/leak_1"].pose.pose.position
     assert [place.x, place.y, place.z] == plume.source.tolist()
-    assert len(heard["/locate/markers"].markers) == 4
-    cloud = heard["/locate/points"]
+    assert len(received["/locate/markers"].markers) == 4
+    cloud = received["/locate/points"]
     points = np.frombuffer(cloud.data, "<f4").reshape(cloud.width, -1)
     nearest = np.linalg.norm(points[:, :3] - plume.source, axis=1).min()
     assert nearest < plume.radius_by_height[:, 1].max() + abs(plume.extent_low) + 0.1

@@ -51,12 +51,12 @@ class OverDds:
     def send(self, topic: str, message: Any) -> None:
         self._senders[topic](message)
 
-    def listen(self, topic: str, kind: str) -> list[Any]:
-        heard: list[Any] = []
+    def subscribe(self, topic: str, kind: str) -> list[Any]:
+        received: list[Any] = []
         self._transport.subscribe(
-            topic, kind, heard.append, reliable=True, latched=topic in LATCHED_TOPICS
+            topic, kind, received.append, reliable=True, latched=topic in LATCHED_TOPICS
         )
-        return heard
+        return received
 
     def spin_once(self) -> None:
         pass
@@ -94,10 +94,10 @@ class OverRclpy:
         data = bytes(self._types.serialize_cdr(message, KINDS[topic]))
         self._publishers[topic].publish(deserialize_message(data, self._class(KINDS[topic])))
 
-    def listen(self, topic: str, kind: str) -> list[Any]:
-        heard: list[Any] = []
-        self._node.create_subscription(self._class(kind), topic, heard.append, self._qos(topic))
-        return heard
+    def subscribe(self, topic: str, kind: str) -> list[Any]:
+        received: list[Any] = []
+        self._node.create_subscription(self._class(kind), topic, received.append, self._qos(topic))
+        return received
 
     def spin_once(self) -> None:
         self._rclpy.spin_once(self._node, timeout_sec=0.01)
@@ -152,7 +152,7 @@ def spin(node: DdsNode, robot: Robot, done: Callable[[], object], timeout_s: flo
 
 
 def until_it_comes(node: DdsNode, robot: Robot, topic: str, message: Any, came: Any) -> None:
-    """Sends until it is heard: discovery takes its time."""
+    """Sends until it is received: discovery takes its time."""
 
     def sent() -> bool:
         robot.send(topic, message)
@@ -188,9 +188,9 @@ def test_drive_ends_in_latched_markers_and_a_leak(
         lambda: any(u.state == "confirmed" for u in node.plume_publisher.known.values()),
     )
 
-    late = robot.listen("/locate/markers", "visualization_msgs/msg/MarkerArray")
-    leaks = robot.listen("/locate/leak_1", "geometry_msgs/msg/PoseWithCovarianceStamped")
-    clouds = robot.listen("/locate/points", "sensor_msgs/msg/PointCloud2")
+    late = robot.subscribe("/locate/markers", "visualization_msgs/msg/MarkerArray")
+    leaks = robot.subscribe("/locate/leak_1", "geometry_msgs/msg/PoseWithCovarianceStamped")
+    clouds = robot.subscribe("/locate/points", "sensor_msgs/msg/PointCloud2")
     spin(node, robot, lambda: late and leaks and clouds)
     assert {marker.ns for marker in late[-1].markers} == {"", "source", "axis", "label"}
     assert len(clouds[-1].data) == clouds[-1].width * clouds[-1].point_step > 0
@@ -205,8 +205,8 @@ def test_commands_are_answered_and_diagnostics_published(
 ) -> None:
     node = blind_node
     word = transport.types.types["std_msgs/msg/String"]
-    answers = robot.listen("/quiet/answer", "std_msgs/msg/String")
-    health = robot.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    answers = robot.subscribe("/quiet/answer", "std_msgs/msg/String")
+    health = robot.subscribe("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
 
     def answer_to(command: str) -> str:
         until_it_comes(

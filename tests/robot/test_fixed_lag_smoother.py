@@ -60,7 +60,9 @@ def begun(views: Views, plume: Plume, *, most: int = 32) -> FixedLagSmoother:
     return FixedLagSmoother(plume, first(views, KEPT), poses, SharedError.from_poses([]), most=most)
 
 
-def test_more_views_make_the_axis_surer(views: Views, truth: ColumnTruth, found: Plume) -> None:
+def test_more_views_make_the_axis_more_certain(
+    views: Views, truth: ColumnTruth, found: Plume
+) -> None:
     smoother = begun(views, found)
     latest = found
     for i in range(KEPT, len(views)):
@@ -72,7 +74,7 @@ def test_more_views_make_the_axis_surer(views: Views, truth: ColumnTruth, found:
     assert error @ np.linalg.solve(latest.source_covariance, error) < 16
 
 
-def test_view_that_shows_nothing_changes_nothing(views: Views, found: Plume) -> None:
+def test_view_without_evidence_changes_nothing(views: Views, found: Plume) -> None:
     smoother = begun(views, found)
     silent = replace(row(views, 9), llr=np.full_like(views.llr[[9]], -0.5))
     assert smoother.add_view(9, pose(views, 9), silent) is None

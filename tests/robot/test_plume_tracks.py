@@ -57,7 +57,7 @@ def test_candidate_is_confirmed_and_stays_so() -> None:
     assert [update.state for update in states] == expected
 
 
-def test_plume_is_lost_once_it_was_looked_for_in_vain() -> None:
+def test_plume_is_lost_once_it_is_observed_and_not_found() -> None:
     tracks = PlumeTracks(independent=True)
     decide(tracks, [at(0)], span(0, 3))
     unseen = [decide(tracks, [], span(i, i + 3), is_observed=False) for i in range(9)]

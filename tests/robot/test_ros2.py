@@ -176,10 +176,10 @@ class Robot:
     def counts(self) -> Any:
         return self.locator.counts
 
-    def listen(self, type_name: str, topic: str, qos: Any = LATCHED) -> list[Any]:
-        heard: list[Any] = []
-        self.node.create_subscription(ros_class(type_name), topic, heard.append, qos)
-        return heard
+    def subscribe(self, type_name: str, topic: str, qos: Any = LATCHED) -> list[Any]:
+        received: list[Any] = []
+        self.node.create_subscription(ros_class(type_name), topic, received.append, qos)
+        return received
 
     def call(self, name: str) -> Any:
         client = self.node.create_client(ros_class("std_srvs/srv/Trigger"), f"/locate/{name}")
@@ -201,28 +201,28 @@ def robot(views: Views) -> Iterator[Robot]:
 def test_drive_ends_in_latched_markers_and_a_leak(
     robot: Robot, truth: ColumnTruth, tmp_path: Path
 ) -> None:
-    diagnostics = robot.listen("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics", 10)
+    diagnostics = robot.subscribe("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics", 10)
     robot.send_info()
     robot.drive()
     robot.spin(
         lambda: any(u.state == "confirmed" for u in robot.locate.plume_publisher.known.values())
     )
 
-    late = robot.listen("visualization_msgs/msg/MarkerArray", "/locate/markers")
+    late = robot.subscribe("visualization_msgs/msg/MarkerArray", "/locate/markers")
     robot.spin(lambda: late)
     kinds = {marker.ns for marker in late[-1].markers}
     assert kinds == {"", "source", "axis", "label"}
     assert late[-1].markers[0].action == 3
     assert all(marker.header.frame_id == "map" for marker in late[-1].markers)
 
-    leaks = robot.listen("geometry_msgs/msg/PoseWithCovarianceStamped", "/locate/leak_1")
+    leaks = robot.subscribe("geometry_msgs/msg/PoseWithCovarianceStamped", "/locate/leak_1")
     robot.spin(lambda: leaks)
     place = leaks[-1].pose.pose.position
     covariance = np.reshape(leaks[-1].pose.covariance, (6, 6))[:3, :3]
     error = np.array([place.x, place.y, place.z]) - truth.source
     assert error @ np.linalg.solve(covariance, error) < 16
 
-    clouds = robot.listen("sensor_msgs/msg/PointCloud2", "/locate/points")
+    clouds = robot.subscribe("sensor_msgs/msg/PointCloud2", "/locate/points")
     robot.spin(lambda: clouds)
     assert len(clouds[-1].data) == clouds[-1].width * clouds[-1].point_step > 0
 

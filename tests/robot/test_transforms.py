@@ -93,7 +93,7 @@ def test_tree_finds_ways_up_and_down() -> None:
     np.testing.assert_allclose(found, np.linalg.inv(gripper) @ camera, atol=1e-12)
 
 
-def test_tree_says_nothing_it_was_not_told() -> None:
+def test_tree_holds_only_what_was_added() -> None:
     tree = TransformTree()
     assert tree.find("map", "camera", NS_PER_S) is None
     tree.add([stamped("base", "map", np.eye(4), NS_PER_S)], static=False)

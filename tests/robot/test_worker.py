@@ -55,7 +55,7 @@ def test_another_process_finds_what_this_one_finds(
     assert there.view_range == here.view_range == (0, 11)
 
 
-def test_search_that_fails_says_how_and_goes_on(
+def test_failed_search_reports_its_error_and_the_next_works(
     process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
 ) -> None:
     with pytest.raises(RuntimeError, match=r"AttributeError.*no attribute 'remove_from'"):
@@ -63,7 +63,7 @@ def test_search_that_fails_says_how_and_goes_on(
     assert len(process.search_window(views, poses, NOTHING_SHARED)) == 1
 
 
-def test_process_that_died_is_begun_anew(
+def test_dead_process_is_replaced(
     process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
 ) -> None:
     process._search._process.send_signal(signal.SIGKILL)
@@ -73,27 +73,27 @@ def test_process_that_died_is_begun_anew(
     assert len(process.search_window(views, poses, NOTHING_SHARED)) == 1
 
 
-def test_detector_apart_sees_what_one_here_sees(views: Views) -> None:
+def test_detector_worker_equals_the_detector_in_this_process(views: Views) -> None:
     camera = views.trajectory.camera.scaled(0.5)
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 255, (camera.height, camera.width), np.uint8) for _ in range(5)]
     trajectory = replace(views.trajectory.take(range(5)), camera=camera)
     frames = Frames(images=images, trajectory=trajectory)
     detector = make_detector("registered", neighbours=2)
-    apart = DetectorWorker(detector, 2)
+    worker = DetectorWorker(detector, 2)
     try:
         expected = detector.detect(frames, 2)
-        found = apart.detect(frames, 2)
+        found = worker.detect(frames, 2)
         np.testing.assert_array_equal(found.displacement, expected.displacement)
         np.testing.assert_array_equal(found.llr, expected.llr)
         assert np.isfinite(found.sigma_px).any()
         with pytest.raises(BadInputError, match="takes camera poses"):
-            apart.detect(replace(frames, trajectory=None), 2)
+            worker.detect(replace(frames, trajectory=None), 2)
     finally:
-        apart.close()
+        worker.close()
 
 
-def test_several_look_at_once_and_none_is_left(views: Views) -> None:
+def test_several_workers_leave_no_frame_and_no_process(views: Views) -> None:
     rng = np.random.default_rng(0)
     textured = rng.integers(0, 255, BLANK.shape, np.uint8)
     settings = replace(
@@ -113,7 +113,7 @@ def test_several_look_at_once_and_none_is_left(views: Views) -> None:
     assert all(process.poll() is not None for process in processes)
 
 
-def test_process_ends_when_nobody_is_left_to_ask(process: PlumeSearchWorker) -> None:
+def test_process_ends_with_its_pipe(process: PlumeSearchWorker) -> None:
     process._search._pipe.close()
     assert process._search._process.wait(timeout=20) == 0
 
