@@ -10,6 +10,7 @@ from locate.commands.console import Weights, err, out
 from locate.journal.progress import interruptible, progress_bars
 
 MOST_FRAMES = 40
+"""Used of a recording; chosen."""
 
 
 def adapt(

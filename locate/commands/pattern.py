@@ -13,8 +13,11 @@ from locate.commands.console import out
 Kind = Literal["checkerboard", "sinusoid", "perlin", "squares"]
 MM_PER_INCH = 25.4
 LEAST_DOTS = 4.0
+"""Of one period, so that the printer resolves it; chosen."""
 MOST_DOTS = 4e8
+"""Of a page; bounds memory."""
 LEAST_PERIOD_PX = 3.0
+"""Shortest period that a camera resolves."""
 
 
 def pattern(

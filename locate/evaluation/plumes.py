@@ -12,7 +12,9 @@ from locate.evaluation.truth import SceneTruth
 from locate.map.plume import Bearing, Plume
 
 GATE_OF_RANGE = 0.15
+"""Largest source error of a pair, in ranges from the cameras; chosen."""
 GATE_RAD = np.radians(10.0)
+"""Largest error of a paired bearing; chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,13 @@ from geometry.errors import LocateError
 from geometry.georeference import Georeference, HeightDatum
 
 POINT_FORMAT = 6
+"""The simplest of LAS 1.4."""
 RESOLUTION_M = 0.001
+"""Step of the stored integers."""
 TEXT_AREA = 3
+"""Record number of the text area, LAS 1.4."""
 VERTICAL = {HeightDatum.EGM96: "5773", HeightDatum.EGM2008: "3855"}
+"""EPSG codes of the heights that have one."""
 
 
 def write_las(

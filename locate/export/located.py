@@ -11,7 +11,9 @@ from geometry.georeference import Georeference, HeightDatum
 from locate.map.plume import Plume, PlumeMap
 
 CONFIDENCE = 0.95
+"""Probability that the ellipse holds the horizontal position."""
 ELLIPSE_SIGMAS = float(np.sqrt(-2 * np.log(1 - CONFIDENCE)))
+"""Standard deviations to the edge of that ellipse, two dimensions."""
 ELLIPSE_POINTS = 36
 
 

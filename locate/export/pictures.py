@@ -9,6 +9,7 @@ from geometry.arrays import FloatMap, GreyImage
 Picture = NDArray[np.uint8]
 
 FULL_ALPHA = 0.8
+"""Opacity of the evidence at full scale."""
 TEXT_HEIGHT = 0.05
 """Of the number in the corner, in heights of the picture."""
 LEAST_TEXT_PX = 9

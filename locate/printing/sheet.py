@@ -22,8 +22,10 @@ MM_PER_INCH = 25.4
 PT_PER_INCH = 72.0
 PT_PER_MM = PT_PER_INCH / MM_PER_INCH
 RULER_MM = 100.0
+"""Length of the line that a user can measure."""
 CAPTION_PT = 8
 CAPTION_MM = 4.0
+"""Height of the caption over the lower edge."""
 IHDR_END = 33
 """Where the first chunk of a PNG ends: 8 bytes of signature, 25 of IHDR."""
 

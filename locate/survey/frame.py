@@ -13,7 +13,9 @@ from locate.map.plume import Plume
 from locate.survey.model import Flight
 
 UNKNOWN_HEIGHT_M = 100.0
+"""Standard deviation added where heights of flights cannot be compared; chosen."""
 LEAST_OWN_M = 0.01
+"""Smallest standard deviation of a sighting without its offset; chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)

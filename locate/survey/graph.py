@@ -26,7 +26,7 @@ REWEIGHTS = 20
 SETTLED = 1e-3
 """Largest change of a weight at which the reweighting ends; chosen."""
 LEAST_OFFSET = 1e-9
-"""Added to the sigmas of a flight's offset, so that a singular covariance can be inverted."""
+"""Its square is added to the variances of an offset, so that a singular one can be inverted."""
 
 
 @dataclass(frozen=True, kw_only=True)

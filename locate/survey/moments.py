@@ -11,7 +11,9 @@ from locate.telemetry import read_telemetry
 from locate.telemetry.track import Clock, TelemetryTrack
 
 DEGREES_PER_HOUR = 15.0
+"""Of longitude, by which solar time shifts."""
 HOURS_PER_BIN = 3
+"""Width of a part of the day; chosen."""
 SEASONS = ("winter", "spring", "summer", "autumn")
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 UNKNOWN = "time unknown"

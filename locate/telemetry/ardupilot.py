@@ -21,7 +21,9 @@ from locate.telemetry.track import AltitudeDatum, TelemetryTrack
 BIN_KIND, TLOG_KIND = "ArduPilot log", "MAVLink tlog"
 BIN_MAGIC = b"\xa3\x95"
 MAX_TLOG_BYTES = 64 * 2**20
+"""Larger logs are refused: their reader takes minutes."""
 _FIRST_UTC_S = 1e9
+"""Smaller time stamps count from the start of the autopilot."""
 
 
 def looks_like_tlog(head: bytes) -> bool:

@@ -29,6 +29,7 @@ LIMITS = {
     "times_s": (-1e10, 1e10),
 }
 ANGLE_LIMITS = (-360.0, 360.0)
+"""Of all angles that have no entry above."""
 
 
 class ColumnStore:

@@ -10,6 +10,7 @@ from geometry.errors import BadInputError, LocateError
 MAX_TEXT_BYTES = 64 * 2**20
 MAX_TEXT_LINES = 2_000_000
 MAX_LOG_BYTES = 256 * 2**20
+"""Larger binary logs are refused; chosen, as are the two above."""
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:

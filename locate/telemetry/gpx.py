@@ -11,6 +11,7 @@ from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "GPX"
 MAX_POINTS, MAX_TAGS = 300_000, 2_000_000
+"""Larger files are refused before they are parsed; chosen."""
 
 
 def looks_like_gpx(head: str) -> bool:

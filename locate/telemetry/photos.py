@@ -17,6 +17,7 @@ from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "photo"
 XMP_BYTES = 2**20
+"""The XMP of a photo is within its first bytes, so many."""
 _BELOW, _ELLIPSOIDAL = (1, 3), (2, 3)  # values of GPSAltitudeRef, EXIF 3.0, table 17
 _XMP_END = b"</x:xmpmeta>"
 _XMP_COLUMNS = {

@@ -16,7 +16,9 @@ WINDOW_S = 1.0
 MIN_LENGTH_S = 10.0
 """Shortest profile that is compared; chosen."""
 _MAX_STEPS = 2**20
+"""Of the grid of times; bounds memory."""
 _NEIGHBOURS, _FAR = 5, 8.0
+"""A record so many typical distances from the median of its neighbours is a jump; chosen."""
 _AXES = ("yaw", "pitch", "roll")
 
 

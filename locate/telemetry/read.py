@@ -12,7 +12,9 @@ from locate.telemetry.subtitles import read_subtitles
 from locate.telemetry.track import TelemetryTrack
 
 HEAD_BYTES = 4096
+"""Of a file, by which its format is recognised."""
 SIDECARS = (".srt", ".gpx", ".csv", ".ulg", ".bin", ".tlog", ".txt")
+"""Suffixes of telemetry beside a video of the same name."""
 
 _Text: TypeAlias = tuple[Callable[[str], bool], Callable[[str, Path], TelemetryTrack]]
 _TEXTS: tuple[_Text, ...] = (

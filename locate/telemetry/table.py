@@ -58,7 +58,9 @@ _COLUMN_OF = {alias: column for column, names in ALIASES.items() for alias in na
 _TITLE = re.compile(r"([^(\[]{1,60})(?:[(\[]([^)\]]{1,20}))?")
 _NUMBER = re.compile(r"[-+]?\d{1,15}(?:\.\d{0,15})?(?:e[-+]?\d{1,3})?", re.IGNORECASE)
 _HEADER_LINES = 20
+"""The header is within so many lines."""
 _FIRST_POSIX_S = 1e8
+"""Larger numbers in a column of times are seconds since 1970."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from geometry.arrays import FloatMap, GreyImage
 from locate.export.pictures import Picture, evidence_layer, heat_colours
 
 MAX_WIDTH = 640
+"""Of a picture on the page, px; bounds the size of the file."""
 
 
 def fitted_size(image: GreyImage) -> tuple[int, int]:

@@ -14,8 +14,10 @@ from locate.export.report.pictures import heat_stops
 from locate.map.plume import Plume, PlumeMap
 
 N_SIGMA = 2.0
+"""Size of the ellipsoid at a source, standard deviations."""
 _COLORSCALE = [[i / 7, color] for i, color in enumerate(heat_stops(8))]
 MAX_POINTS, MAX_VOXELS, MAX_FRUSTA = 8000, 8000, 36
+"""Drawn at most; bounds the size of the file."""
 
 Trace = dict[str, Any]
 

@@ -7,6 +7,7 @@ from geometry.trajectory import Trajectory
 from locate.map.plume import Plume
 
 AROUND = 32
+"""Vertices around a surface."""
 
 
 def camera_frusta(trajectory: Trajectory, rows: IntArray, size: float) -> FloatArray:
