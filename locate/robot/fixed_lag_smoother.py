@@ -13,7 +13,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.fusion.axis.graph import AxisEstimate, estimate_axis
+from locate.fusion.axis.estimate import AxisEstimate
+from locate.fusion.axis.graph import estimate_axis
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import Sway
 from locate.fusion.views import Views

@@ -6,7 +6,8 @@ import pytest
 
 from detect.detection import Detection
 from detect.registry import DetectorChoice
-from locate.fusion.axis.graph import average_axes, estimate_axis, mark_consistent
+from locate.fusion.axis.estimate import average_axes, mark_consistent
+from locate.fusion.axis.graph import estimate_axis
 from locate.fusion.axis.pairs import split_column
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import estimate_sway

@@ -16,9 +16,9 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from geometry.arrays import FloatArray
+from locate.fusion.axis.least_squares import AxisFit
 from locate.fusion.axis.sightings import AxisSightings
 
 RATES = np.geomspace(0.005, 0.5, 7).tolist()
@@ -41,8 +41,6 @@ NEAREST_UNITS = 0.02
 BEND = 0.3
 """Standard deviation of how far the mean path is off the axis at the highest sighting, per unit of
 height; set with the sections of `sightings`."""
-STUDENT_FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution, for outliers; the usual choice."""
 ROBUST_TURNS = 3
 """How often the weights of outliers are worked out, less one; chosen by hand."""
 NEGLIGIBLE_NATS = 8.0
@@ -147,7 +145,7 @@ def estimate_sway(
     weight = np.ones(len(sightings))
     for turn in range(ROBUST_TURNS):
         fits = [
-            _AxisFit(
+            AxisFit(
                 sightings,
                 common_covariance(e) + poses_px2 + np.diag(e.own_variance * stated / weight),
                 prior,
@@ -229,45 +227,3 @@ def _shared_covariance(sightings: AxisSightings) -> FloatArray:
     same_section = np.equal.outer(sightings.height, sightings.height)
     stated = np.outer(sightings.sigma_px, sightings.sigma_px)
     return np.asarray(stated * same_section * NEIGHBOUR_CORRELATION**apart)
-
-
-class _AxisFit:
-    """Generalised least squares of a straight axis through offsets of a known covariance."""
-
-    def __init__(
-        self,
-        sightings: AxisSightings,
-        covariance_px2: FloatArray,
-        prior: tuple[FloatArray, FloatArray],
-    ) -> None:
-        mean, information = prior
-        design = design_matrix(sightings)
-        self._residual = sightings.offset_px - design @ mean
-        self._root = np.linalg.cholesky(covariance_px2)
-        self._whitened = self._whiten(np.column_stack([design, self._residual]))
-        normal = self._whitened[:, :4].T @ self._whitened[:, :4] + information
-        right = self._whitened[:, :4].T @ self._whitened[:, 4]
-        self._normal = normal
-        misfit = float(self._whitened[:, 4] @ self._whitened[:, 4])
-        misfit -= float(right @ np.linalg.solve(normal, right))
-        determinants = 2 * np.log(np.diag(self._root)).sum() + np.linalg.slogdet(normal)[1]
-        self.log_likelihood = float(-0.5 * (determinants + misfit))
-
-    def _whiten(self, columns: FloatArray) -> FloatArray:
-        return np.asarray(solve_triangular(self._root, columns, lower=True, check_finite=False))
-
-    def student_weights(self, own_px2: FloatArray, weight: FloatArray) -> FloatArray:
-        """(N,) weights, at most 1, by how far each sighting lies from what all others predict."""
-        gain = np.linalg.solve(self._normal, self._whitened[:, :4].T)
-        inverse_root = self._whiten(np.eye(len(own_px2)))
-        keep = np.eye(len(own_px2)) - self._whitened[:, :4] @ gain
-        precision = inverse_root.T @ keep @ inverse_root
-        left_out = (precision @ self._residual) / np.diag(precision)
-        predicted = 1 / np.diag(precision) - own_px2 / weight
-        squared = left_out**2 / (np.maximum(predicted, 0) + own_px2)
-        return np.asarray(np.minimum((STUDENT_FREEDOM + 1) / (STUDENT_FREEDOM + squared), 1.0))
-
-
-def design_matrix(sightings: AxisSightings) -> FloatArray:
-    """(N, 4) derivative of the offsets by the axis at the lowest point (x, y) and its slopes."""
-    return np.hstack([sightings.by_shift, sightings.height[:, None] * sightings.by_shift])

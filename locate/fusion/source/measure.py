@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
-from locate.fusion.axis.graph import AxisEstimate, average_axes, estimate_axis, mark_consistent
+from locate.fusion.axis.estimate import AxisEstimate, average_axes, mark_consistent
+from locate.fusion.axis.graph import estimate_axis
 from locate.fusion.axis.sightings import VIEW_SAW_NATS, find_bending_sign, sight_axis
 from locate.fusion.axis.sway import SwayHypothesis
 from locate.fusion.search.columns import Columns, PlumeColumn
