@@ -63,7 +63,7 @@ class PairWriter:
     def _pack(self) -> None:
         if self._samples:
             path = self._scratch / f"shard_{self._name}_{len(self._shards):05d}.npz"
-            Shard.of(self._samples).save(path, places=np.array(self._places, np.int32))
+            Shard.from_samples(self._samples).save(path, places=np.array(self._places, np.int32))
             self._shards.append(path)
             self.crops += len(self._samples)
         self._samples, self._places = [], []

@@ -35,7 +35,7 @@ def draw_sample(seed: int) -> Sample:
             "plume_length": [0.8, 1.2],
         }
     )
-    return sample_at(0, recipe, Sources.of(recipe))
+    return sample_at(0, recipe, Sources.from_recipe(recipe))
 
 
 def main(output: Path, seeds: list[int]) -> list[float]:

@@ -73,7 +73,7 @@ def test_blur_is_learnt_from_warped_photos_alone(
     for way in twins.WAYS:
         ask = networks.perceptron(tmp_path / f"train-{way}")
         samples = [s for shard in shards_in(tmp_path / f"test-{way}")
-                   for s in map(shard.sample, range(len(shard)))]  # fmt: skip
+                   for s in map(shard.sample_at, range(len(shard)))]  # fmt: skip
         maps = [ask(sample.image) for sample in samples]
         score, said = (np.array(each) for each in zip(*maps, strict=True))
         sizes = np.array([np.linalg.norm(s.displacement, axis=-1) for s in samples])

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from detect.synthesis import FAMILIES, Recipe, Sources, sample_at
-from detect.synthesis.flows import KINDS, random_turbulence, read_run, write_run
+from detect.synthesis.flows import RUN_KINDS, random_turbulence, read_run, write_run
 
 CROPS = 30
 
@@ -34,7 +34,9 @@ def time_flows(folder: Path, runs: int) -> None:
     for number in range(runs):
         seconds = cpu_seconds(lambda number=number: write_run(folder, number))
         fields = len(read_run(folder / f"run_{number:05d}.npz"))
-        print_row(f"field, {KINDS[number % len(KINDS)]} ({seconds:.0f} s a run)", seconds, fields)
+        print_row(
+            f"field, {RUN_KINDS[number % len(RUN_KINDS)]} ({seconds:.0f} s a run)", seconds, fields
+        )
     rng = np.random.default_rng(0)
     seconds = cpu_seconds(lambda: [random_turbulence(rng) for _ in range(CROPS)])
     print_row("field, random turbulence", seconds, CROPS)
@@ -42,7 +44,7 @@ def time_flows(folder: Path, runs: int) -> None:
 
 def time_crops(recipe: Recipe) -> tuple[float, float]:
     """CPU seconds of CROPS samples, and the share of their pixels that is plume."""
-    sources = Sources.of(recipe)
+    sources = Sources.from_recipe(recipe)
     sample_at(CROPS, recipe, sources)
     start = time.process_time()
     samples = [sample_at(index, recipe, sources) for index in range(CROPS)]

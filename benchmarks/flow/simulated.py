@@ -22,10 +22,10 @@ import numpy as np
 from detect.bos import texture_of, unbiased_flow
 from detect.flow import METHODS, Flow, flow_method
 from detect.scores import auroc
-from detect.synthesis.camera import MARGIN_PX, Background, Optics, expose
+from detect.synthesis.camera import MARGIN_PX, Background, CameraOptics, expose_background
 from detect.synthesis.flows import random_turbulence, read_run, runs_in
 from detect.synthesis.placement import PlumePlacement
-from detect.synthesis.raster import as_background, canvas_side, perlin, squares
+from detect.synthesis.raster import as_background, canvas_side, draw_perlin, draw_squares
 from geometry.arrays import FloatMap, GreyImage
 
 KINDS = ("sinusoid", "perlin", "squares")
@@ -57,7 +57,7 @@ def sinusoid(x: FloatMap, y: FloatMap) -> FloatMap:
 def background(kind: str, rng: np.random.Generator) -> Background:
     if kind == "sinusoid":
         return sinusoid
-    picture = {"perlin": perlin, "squares": squares}[kind]
+    picture = {"perlin": draw_perlin, "squares": draw_squares}[kind]
     return as_background(picture(rng, canvas_side(SIZE_PX)))
 
 
@@ -66,11 +66,11 @@ def photograph(
 ) -> tuple[GreyImage, GreyImage]:
     """The reference and the frame."""
     still = np.zeros_like(w)
-    reference = Optics(noise=noise / np.sqrt(REFERENCE_FRAMES))
+    reference = CameraOptics(noise=noise / np.sqrt(REFERENCE_FRAMES))
     shake = rng.uniform(-VIBRATION_PX, VIBRATION_PX, 2)
     return (
-        expose(scene, [still], np.zeros(2), reference, rng),
-        expose(scene, [w], shake, Optics(noise=noise), rng),
+        expose_background(scene, [still], np.zeros(2), reference, rng),
+        expose_background(scene, [w], shake, CameraOptics(noise=noise), rng),
     )
 
 
@@ -84,7 +84,7 @@ def pairs(kind: str, count: int, noise: float, runs: Sequence[Path], seed: int) 
                 potential = moments[rng.integers(len(moments))]
             else:
                 potential = random_turbulence(rng)
-            place = PlumePlacement.random(
+            place = PlumePlacement.draw_uniform(
                 rng, potential, size_px=SIZE_PX, relative_length=1.0, visible=0.3
             )
             w = np.float32(peak_px) * place.displacement(

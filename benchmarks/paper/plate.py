@@ -8,8 +8,14 @@ import cv2
 import numpy as np
 
 from detect.synthesis.buoyancy import BuoyantFlow
-from detect.synthesis.camera import MARGIN_PX, OVERSAMPLING, Background, Optics, expose
-from detect.synthesis.flows import CELL_M, CELLS, Source, slopes
+from detect.synthesis.camera import (
+    MARGIN_PX,
+    OVERSAMPLING,
+    Background,
+    CameraOptics,
+    expose_background,
+)
+from detect.synthesis.flows import CELL_M, CELLS, FlowSource, potential_gradient
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 
 BESIDE_PX = 16
@@ -49,7 +55,7 @@ def flow_moments(wind_mps: float, plate: bool) -> list[FloatMap]:
         x, y, z = np.indices(CELLS)
         solid = (x >= left) & (x < right) & (abs(y - CELLS[1] / 2) < 12) & (abs(z - height) < 1.5)
     rng = np.random.default_rng(2)
-    source = Source(gas="air", mole_fraction=1.0, temperature_k=440.0)
+    source = FlowSource(gas="air", mole_fraction=1.0, temperature_k=440.0)
     flow = BuoyantFlow(
         CELLS,
         cell_m=CELL_M,
@@ -83,7 +89,7 @@ def in_frame(excess: FloatMap) -> FloatMap:
         borderMode=cv2.BORDER_REPLICATE,
     )  # fmt: skip
     potential = cv2.GaussianBlur(potential, (0, 0), CELL_PX)
-    return slopes(potential)[1:-1, 1:-1]
+    return potential_gradient(potential)[1:-1, 1:-1]
 
 
 def lattice(x: FloatMap, y: FloatMap) -> FloatMap:
@@ -132,10 +138,14 @@ def filmed(setup: Setup) -> Iterator[tuple[GreyImage, GreyImage, FloatMap, BoolA
     grid = np.meshgrid(np.arange(SIZE_PX), np.arange(SIZE_PX))
     then, now = objects(setup, setup.reference_shift_px), objects(setup, 0.0)
     still = np.zeros((SIZE_PX + 2 * MARGIN_PX,) * 2 + (2,), np.float32)
-    optics = Optics(noise=NOISE / REFERENCE_FRAMES**0.5)
-    reference = expose(with_objects(then, np.zeros(2)), [still], np.zeros(2), optics, rng)
+    optics = CameraOptics(noise=NOISE / REFERENCE_FRAMES**0.5)
+    reference = expose_background(
+        with_objects(then, np.zeros(2)), [still], np.zeros(2), optics, rng
+    )
     for w in flow_moments(setup.wind_mps, setup.plate):
         shake = rng.uniform(-VIBRATION_PX, VIBRATION_PX, 2)
-        image = expose(with_objects(now, shake), [w], shake, Optics(noise=NOISE), rng)
+        image = expose_background(
+            with_objects(now, shake), [w], shake, CameraOptics(noise=NOISE), rng
+        )
         inside = slice(MARGIN_PX, -MARGIN_PX)
         yield reference, image, w[inside, inside], now(*grid) | then(*grid)

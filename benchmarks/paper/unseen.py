@@ -22,7 +22,7 @@ def unseen(detector: DybsDetector, options: argparse.Namespace) -> list[np.ndarr
     groups: dict[str, list[Seen]] = {}
     for shard in shards_in(options.samples):
         for i in range(0, len(shard), options.every):
-            sample = shard.sample(i)
+            sample = shard.sample_at(i)
             if not sample.displacement.any():
                 continue
             everywhere = np.ones(sample.image.shape, dtype=bool)

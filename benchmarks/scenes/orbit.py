@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 from geometry.errors import LocateError
 from geometry.trajectory import Trajectory
 from locate.evaluation import Evaluation, evaluate_map
@@ -143,7 +143,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    photos = photos_in(options.photos, "test") if options.photos else ()
+    photos = find_photos(options.photos, "test") if options.photos else ()
     amplitude_px, noise = options.amplitude, options.noise
     outcomes: dict[bool, list[Outcome]] = {True: [], False: []}
     for seed, kind, nuisance in product(options.seeds, options.kinds, options.nuisances):

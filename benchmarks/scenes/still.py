@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.scenes.orbit import render
 from detect.fluctuation import Fluctuation
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 from geometry.arrays import GreyImage
 from locate.evaluation import evaluate_map
 from locate.evaluation.truth import SceneTruth
@@ -91,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    photos = photos_in(options.photos, "validation")
+    photos = find_photos(options.photos, "validation")
     pictures = []
     for kind in options.kinds:
         for seed in options.seeds:

@@ -9,7 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 from locate.simulation.capture import CaptureSetup
 from locate.simulation.compression import compress_h264
 from locate.simulation.layouts import random_scene
@@ -98,7 +98,7 @@ def take_of(condition: Condition, scene: Scene, photos: Path | None) -> CaptureS
     if condition.nuisance in MOVING:
         if photos is None:
             raise SystemExit(f"{condition.nuisance} needs --photos")
-        every = photos_in(photos, "test")
+        every = find_photos(photos, "test")
         if len(every) < PICTURES:
             raise SystemExit(f"{photos}: {len(every)} photos of the test split, give {PICTURES}")
         chosen = rng.choice(len(every), PICTURES, replace=False)

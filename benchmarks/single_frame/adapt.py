@@ -36,8 +36,8 @@ from detect.scores import auroc, average_precision
 from detect.synthesis import Recipe, Sample, Sources
 from detect.synthesis.camera import OVERSAMPLING
 from detect.synthesis.flows import runs_in
-from detect.synthesis.raster import REACH_PX, as_background, canvas_side, photos_in
-from detect.synthesis.sample import seen_through_plume
+from detect.synthesis.raster import REACH_PX, as_background, canvas_side, find_photos
+from detect.synthesis.sample import render_through_plume
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 from locate.pipeline.frame_by_frame import MASK_NATS
 from locate.recording.images import read_grey
@@ -92,7 +92,7 @@ def views(photo: GreyImage, seed: int, runs: tuple[Path, ...]) -> Iterator[Sampl
             jpeg_share=0,
         )
         rng = np.random.default_rng([seed, k])
-        yield seen_through_plume(background, "photo", rng, recipe, Sources(runs=runs), shift_px=0)
+        yield render_through_plume(background, "photo", rng, recipe, Sources(runs=runs), shift_px=0)
 
 
 def of_pair(reference: GreyImage, image: GreyImage) -> Judged:
@@ -183,7 +183,7 @@ def main(options: argparse.Namespace) -> None:
             judged = [of_pair(reference, image)]
             compare(name, [reference], judged, options.network, options.minutes)
         return
-    photos = photos_in(options.folder, "test")
+    photos = find_photos(options.folder, "test")
     chosen = np.linspace(len(photos) - 1, 0, options.count).astype(int)
     runs = runs_in(options.runs, "test") if options.runs else ()
     for k in chosen:

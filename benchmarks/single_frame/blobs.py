@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.single_frame.contenders import MASK_NATS
 from benchmarks.single_frame.photos import detected, photo
 from detect.dybs import DybsDetector
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     """What the default mask holds on photos without a plume that nothing was trained on."""
-    groups = {"photos of the test split": list(photos_in(options.photos, "test"))}
+    groups = {"photos of the test split": list(find_photos(options.photos, "test"))}
     for folder in sorted(options.others.iterdir()) if options.others else []:
         found = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in {".jpg", ".png"}]
         groups[folder.name] = found

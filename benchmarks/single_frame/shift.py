@@ -10,7 +10,7 @@ from benchmarks.single_frame.contenders import MASK_NATS
 from detect.dybs import DybsDetector
 from detect.dybs.estimator import Estimate
 from detect.synthesis import FAMILIES, Recipe, Sources
-from detect.synthesis.camera import MARGIN_PX, Optics, expose
+from detect.synthesis.camera import MARGIN_PX, CameraOptics, expose_background
 from detect.synthesis.sample import draw_background
 from geometry.arrays import GreyImage
 
@@ -64,12 +64,12 @@ def print_shift(name: str, family: str, means: Sequence[float], change: str) -> 
 
 def shifted_images(recipe: Recipe, family: str, shift_px: float) -> list[GreyImage]:
     """The same backgrounds, noise and camera at every shift."""
-    sources = Sources.of(recipe)
+    sources = Sources.from_recipe(recipe)
     side = recipe.size_px + 2 * MARGIN_PX
     still, images = np.zeros((side, side, 2), np.float32), []
     for number in range(BACKGROUNDS):
         rng = np.random.default_rng([7, number])
         background = draw_background(family, rng, recipe, sources)
-        optics = Optics(noise=1.0)
-        images.append(expose(background, [still], np.array([shift_px, 0]), optics, rng))
+        optics = CameraOptics(noise=1.0)
+        images.append(expose_background(background, [still], np.array([shift_px, 0]), optics, rng))
     return images

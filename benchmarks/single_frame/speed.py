@@ -16,7 +16,7 @@ from detect.dybs.edges import measure_edges
 from detect.dybs.pattern_measurement import measure_pattern
 from detect.dybs.refinement import RefinementNetwork
 from detect.network import Network
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 from detect.texture import texture_classes
 from geometry.arrays import GreyImage
 
@@ -36,7 +36,7 @@ def main(options: argparse.Namespace) -> None:
     checks = 120 + 60 * np.sin(0.7 * x + 0.1 * y) * np.sin(0.7 * y - 0.1 * x)
     lattice = (checks + image / 100).astype(np.uint8)
     whole = {"on noise": image, "all a lattice": lattice}
-    for path in photos_in(options.photos, "test")[:1] if options.photos else []:
+    for path in find_photos(options.photos, "test")[:1] if options.photos else []:
         size = SHAPE[::-1]
         whole["on a photo"] = cv2.resize(photo(path), size, interpolation=cv2.INTER_AREA)
     print("| what, 640 x 480, one thread | CPU ms, median | fastest |\n|---|---|---|")
@@ -62,7 +62,7 @@ def time_paper(image: GreyImage) -> None:
 
     import torch
 
-    from detect.learning.export import save
+    from detect.learning.export import save_network
     from detect.learning.networks import PaperUNet
 
     torch.set_num_threads(1)
@@ -70,7 +70,7 @@ def time_paper(image: GreyImage) -> None:
     with tempfile.TemporaryDirectory() as scratch, torch.inference_mode():
         tensor = torch.from_numpy(planes(image)[None])
         timed("the paper's network, torch", lambda: network(tensor), times=3)
-        path = save(network, Path(scratch) / "paper.onnx", "paper", 1, {})
+        path = save_network(network, Path(scratch) / "paper.onnx", "paper", 1, {})
         exported = Network(path)
         timed("the paper's network, onnxruntime", lambda: exported(planes(image)), times=3)
 

@@ -31,7 +31,7 @@ def null_map(folder: Path) -> FloatMap:
 
 def samples_in(folder: Path, every: int) -> Iterator[Sample]:
     for shard in shards_in(folder):
-        yield from (shard.sample(i) for i in range(0, len(shard), every))
+        yield from (shard.sample_at(i) for i in range(0, len(shard), every))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.warp_leak.twins import CROPS, held_out, write
 from detect.synthesis.flows import runs_in
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    known = photos_in(options.photos, "train")
+    known = find_photos(options.photos, "train")
     write(options.o / "train", known, runs_in(options.runs, "train"), options.samples, seed=0)
     unseen = held_out(options.photos)
     write(options.o / "test", unseen, runs_in(options.runs, "test"), CROPS * len(unseen), seed=1)

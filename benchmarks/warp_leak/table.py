@@ -65,7 +65,7 @@ def main(options: argparse.Namespace) -> None:
         way: [
             s
             for shard in shards_in(options.o / f"test-{way}")
-            for s in map(shard.sample, range(len(shard)))
+            for s in map(shard.sample_at, range(len(shard)))
         ]
         for way in WAYS
     }

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from detect.synthesis import FAMILIES, Recipe, Sample, Shard, Sources, shards_in
-from detect.synthesis.camera import MARGIN_PX, Optics, expose, naive_warp
+from detect.synthesis.camera import MARGIN_PX, CameraOptics, expose_background, naive_warp
 from detect.synthesis.dataset import SCHEMA, SHARD_SAMPLES, write_index
-from detect.synthesis.raster import as_background, canvas_side, photo, photos_in
-from detect.synthesis.sample import seen_through_plume
+from detect.synthesis.raster import as_background, canvas_side, crop_photo, find_photos
+from detect.synthesis.sample import render_through_plume
 from geometry.arrays import FloatMap, GreyImage
 
 WAYS = ("bilinear", "camera")
@@ -19,7 +19,7 @@ NOISE_AFTER = 2.0
 
 
 def held_out(photos: Path) -> list[Path]:
-    return [*photos_in(photos, "validation"), *photos_in(photos, "test")]
+    return [*find_photos(photos, "validation"), *find_photos(photos, "test")]
 
 
 def twins(rng: np.random.Generator, path: Path, runs: tuple[Path, ...]) -> dict[str, Sample]:
@@ -27,10 +27,10 @@ def twins(rng: np.random.Generator, path: Path, runs: tuple[Path, ...]) -> dict[
     recipe = Recipe(
         size_px=SIZE_PX, families={"photo": 1}, photos=path, exposures=1, gamma=(1, 1), jpeg_share=0
     )
-    background = as_background(photo(rng, canvas_side(SIZE_PX), path))
+    background = as_background(crop_photo(rng, canvas_side(SIZE_PX), path))
     seed, still = rng.integers(2**32), recipe.model_copy(update={"negatives": 1.0})
     view, without = (
-        seen_through_plume(
+        render_through_plume(
             background, "photo", np.random.default_rng(seed), each, Sources(runs=runs)
         )
         for each in (recipe, still)
@@ -53,7 +53,7 @@ def write(
         ]
         for way, path in targets.items():
             write_index(path.parent, {"schema": SCHEMA, "families": list(FAMILIES)})
-            Shard.of([pair[way] for pair in pairs]).save(path)
+            Shard.from_samples([pair[way] for pair in pairs]).save(path)
         print(f"{folder.name}: {first + len(pairs)} of {count}", flush=True)
 
 
@@ -73,11 +73,17 @@ def noisy(image: GreyImage, seed: int) -> GreyImage:
 def shifted(path: Path, seed: int, shift_px: float) -> dict[str, GreyImage]:
     """A photo moved as a whole, both ways."""
     rng = np.random.default_rng([3, seed])
-    background = as_background(photo(rng, canvas_side(SIZE_PX), path))
+    background = as_background(crop_photo(rng, canvas_side(SIZE_PX), path))
     side = SIZE_PX + 2 * MARGIN_PX
     still, seed = np.zeros((side, side, 2), np.float32), int(rng.integers(2**32))
     there, here = (
-        expose(background, [still], np.array([px, 0]), Optics(noise=1), np.random.default_rng(seed))
+        expose_background(
+            background,
+            [still],
+            np.array([px, 0]),
+            CameraOptics(noise=1),
+            np.random.default_rng(seed),
+        )
         for px in (shift_px, 0.0)
     )
     moved = np.zeros((SIZE_PX, SIZE_PX, 2), np.float32)

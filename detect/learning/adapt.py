@@ -8,11 +8,17 @@ import onnx
 import torch
 
 from detect.learning.checkpoint import read_checkpoint, write_checkpoint
-from detect.learning.config import Augmentation, LossConfig, PoolConfig, Stage, TrainConfig
-from detect.learning.export import save
+from detect.learning.config import (
+    AugmentationConfig,
+    LossConfig,
+    PoolConfig,
+    TrainConfig,
+    TrainingStage,
+)
+from detect.learning.export import save_network
 from detect.learning.pools import as_input
 from detect.learning.reread import read_network, revive_norms
-from detect.learning.trainer import train
+from detect.learning.trainer import train_network
 from detect.network import Network
 from detect.synthesis import Shard
 from detect.synthesis.dataset import SCHEMA, write_index
@@ -67,36 +73,36 @@ def fine_tune(
             network=kind,
             pools={pool: PoolConfig(folder=folder / pool) for pool in (HAZE, PLUMES, HELD)},
             validation=HELD,
-            stages=_stages(steps),
-            augmentation=Augmentation(symmetries="none"),
+            stages=_adaptation_stages(steps),
+            augmentation=AugmentationConfig(symmetries="none"),
             mixed_precision=False,
             seed=SEED,
             checkpoint_every=steps,
             validate_every=steps,
             initial=folder / "start.pt",
         )
-        last = train(config, folder / "run", report=report)
+        last = train_network(config, folder / "run", report=report)
         network.load_state_dict(read_checkpoint(last)["network"])
     trained_on = {"start": began.name, "steps": steps, "data": data}
-    save(network.eval(), path, config.name, kind.channels, trained_on)
+    save_network(network.eval(), path, config.name, kind.channels, trained_on)
     model = onnx.load(path)
     props = {entry.key: entry.value for entry in model.metadata_props}
     onnx.helper.set_model_props(model, props | dict(says))
     onnx.save(model, path)
 
 
-def _stages(steps: int) -> tuple[Stage, Stage]:
+def _adaptation_stages(steps: int) -> tuple[TrainingStage, TrainingStage]:
     """Squared errors throughout: most pixels are still, and others lead to an answer of zero."""
     first = round(BACKGROUND_SHARE * steps)
     return (
-        Stage(
+        TrainingStage(
             name="background",
             pools={HAZE: 1},
             steps=first,
             learning_rate=(3e-3, 1e-5),
             losses=LossConfig(charbonnier=0, squared=0.1, mask=0),
         ),
-        Stage(
+        TrainingStage(
             name="plumes",
             pools={HAZE: 1, PLUMES: 2},
             steps=steps - first,

@@ -2,20 +2,20 @@
 
 import numpy as np
 
-from detect.learning.config import Augmentation
+from detect.learning.config import AugmentationConfig
 from geometry.arrays import FloatMap
 
 SYMMETRIES = {"all": 8, "flips": 4, "mirror": 2, "none": 1}
 
 
-def augment(
+def augment_sample(
     image: FloatMap,
     displacement: FloatMap,
     family: str,
-    how: Augmentation,
+    how: AugmentationConfig,
     random: np.random.Generator,
 ) -> tuple[FloatMap, FloatMap]:
-    """Turns, flips, inverts and dims a sample; see `Augmentation`.
+    """Turns, flips, inverts and dims a sample; see `AugmentationConfig`.
 
     Args:
         image: (C, H, W).
@@ -25,16 +25,16 @@ def augment(
         random: Decides.
     """
     symmetry = int(random.integers(SYMMETRIES[how.symmetries]))
-    image = turn(image, symmetry, how.vectors, how.tensors)
-    displacement = turn(displacement, symmetry, ((0, 1),))
+    image = apply_symmetry(image, symmetry, how.vectors, how.tensors)
+    displacement = apply_symmetry(displacement, symmetry, ((0, 1),))
     if how.negate and random.random() < 0.5:
-        image, displacement = _negated(image, how.vectors), -displacement
+        image, displacement = _negate_vectors(image, how.vectors), -displacement
     if random.random() < 0.5 and family in how.invert:
         image = 1 - image
     return image * np.float32(random.uniform(*how.gain)), displacement
 
 
-def turn(
+def apply_symmetry(
     planes: FloatMap,
     symmetry: int,
     vectors: tuple[tuple[int, int], ...],
@@ -63,7 +63,7 @@ def turn(
     return turned
 
 
-def _negated(planes: FloatMap, vectors: tuple[tuple[int, int], ...]) -> FloatMap:
+def _negate_vectors(planes: FloatMap, vectors: tuple[tuple[int, int], ...]) -> FloatMap:
     signs = np.ones((len(planes), 1, 1), np.float32)
     signs[[plane for pair in vectors for plane in pair]] = -1
     return planes * signs

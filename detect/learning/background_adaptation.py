@@ -14,7 +14,7 @@ from detect.dybs.estimator import SingleFrameEstimator
 from detect.learning.dybs_calibration import PLUME_PX, calibrate, labels_of
 from detect.scores import auroc
 from detect.synthesis import Sample, Shard
-from detect.synthesis.own_images import HALF, hazy_samples, own_samples
+from detect.synthesis.own_images import HALF_SCALE, sample_hazy_images, sample_own_images
 from geometry.arrays import GreyImage
 
 HELD_OUT = 5
@@ -100,19 +100,23 @@ def adapt(
     SingleFrameEstimator(start)
     learned, held = divided(images)
     crops = max(round(minutes * CROPS_PER_MINUTE / 2), 1)
-    haze = hazy_samples(
-        learned, crops, seed=seed, scale=HALF, progress=lambda share: report("samples", share / 2)
+    haze = sample_hazy_images(
+        learned,
+        crops,
+        seed=seed,
+        scale=HALF_SCALE,
+        progress=lambda share: report("samples", share / 2),
     )
-    plumes = own_samples(
+    plumes = sample_own_images(
         learned,
         crops,
         seed=seed + 1,
-        scale=HALF,
+        scale=HALF_SCALE,
         progress=lambda share: report("samples", (1 + share) / 2),
     )
     report("samples", 1)
     unfinished = path.with_name(f".{path.name}.partial")
-    watched = own_samples(held, JUDGED, seed=seed + 2, scale=HALF)
+    watched = sample_own_images(held, JUDGED, seed=seed + 2, scale=HALF_SCALE)
     steps = max(round(minutes * STEPS_PER_MINUTE), 2)
     data = f"{len(learned)} images of its user"
     try:
@@ -124,16 +128,16 @@ def adapt(
             unfinished,
             steps=steps,
             data=data,
-            says={"scale": str(HALF), "calibration": json.dumps(SILENT.to_plain())},
+            says={"scale": str(HALF_SCALE), "calibration": json.dumps(SILENT.to_plain())},
             report=report,
         )
         report("calibration", 0)
         calibration = SILENT
         if held is not learned:
-            reference = own_samples(held, JUDGED, seed=seed + 3, scale=1, largest_px=WHOLE_PX)
+            reference = sample_own_images(held, JUDGED, seed=seed + 3, scale=1, largest_px=WHOLE_PX)
             repeats = -(-JUDGED // len(held))
             calibration = calibrate(unfinished, chain(each(reference), as_they_are(held, repeats)))
-        judged = own_samples(held, JUDGED, seed=seed + 4, scale=1, largest_px=WHOLE_PX)
+        judged = sample_own_images(held, JUDGED, seed=seed + 4, scale=1, largest_px=WHOLE_PX)
         answer = Adapted(
             learned=len(learned),
             held_out=0 if held is learned else len(held),
@@ -159,7 +163,7 @@ def divided(images: Sequence[GreyImage]) -> tuple[Sequence[GreyImage], Sequence[
 
 def each(shard: Shard) -> Iterable[Sample]:
     """The samples of a shard."""
-    return (shard.sample(i) for i in range(len(shard)))
+    return (shard.sample_at(i) for i in range(len(shard)))
 
 
 def as_they_are(images: Sequence[GreyImage], repeats: int) -> Iterable[Sample]:

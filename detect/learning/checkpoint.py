@@ -56,7 +56,7 @@ def load_weights(network: nn.Module, content: Mapping[str, Any], path: Path) -> 
         raise BadInputError(f"{path}: weights of another network than the config's") from error
 
 
-def note(folder: Path, line: Mapping[str, Any]) -> None:
+def append_to_journal(folder: Path, line: Mapping[str, Any]) -> None:
     """Adds a line to the journal of a training."""
     with (folder / JOURNAL).open("a") as file:
         file.write(json.dumps(line) + "\n")

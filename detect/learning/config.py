@@ -15,11 +15,11 @@ from geometry.errors import BadInputError, first_complaint
 Range = tuple[float, float]
 
 
-class _Settings(BaseModel):
+class _TrainingSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class NetworkConfig(_Settings):
+class NetworkConfig(_TrainingSettings):
     """Which network.
 
     Attributes:
@@ -35,7 +35,7 @@ class NetworkConfig(_Settings):
     normalise: bool = True
 
 
-class PoolConfig(_Settings):
+class PoolConfig(_TrainingSettings):
     """Where rendered samples are.
 
     Attributes:
@@ -73,7 +73,7 @@ class PoolConfig(_Settings):
         return [seed for span in self.seeds or () for seed in range(*span)]
 
 
-class LossConfig(_Settings):
+class LossConfig(_TrainingSettings):
     """Weights of what is minimised.
 
     Attributes:
@@ -89,7 +89,7 @@ class LossConfig(_Settings):
     likelihood: float = Field(default=0, ge=0)
 
 
-class Augmentation(_Settings):
+class AugmentationConfig(_TrainingSettings):
     """What is done to a sample before it is shown; nothing that resamples.
 
     Attributes:
@@ -116,7 +116,7 @@ class Augmentation(_Settings):
         )
 
 
-class Stage(_Settings):
+class TrainingStage(_TrainingSettings):
     """One part of the curriculum.
 
     Attributes:
@@ -142,11 +142,11 @@ class Stage(_Settings):
     cosine_steps: int | None = Field(default=None, ge=1)
     losses: LossConfig = LossConfig()
     least_px: float = Field(default=0, ge=0)
-    augmentation: Augmentation | None = None
+    augmentation: AugmentationConfig | None = None
     blend: float = Field(default=1, gt=0, le=1)
 
 
-class TrainConfig(_Settings):
+class TrainConfig(_TrainingSettings):
     """A training: network, data and schedule.
 
     Attributes:
@@ -178,14 +178,14 @@ class TrainConfig(_Settings):
     pools: dict[str, PoolConfig]
     validation: str
     runs: int = Field(default=32, ge=1)
-    stages: tuple[Stage, ...] = Field(min_length=1)
+    stages: tuple[TrainingStage, ...] = Field(min_length=1)
     batch: int = Field(default=8, ge=1)
     crop_px: int | None = Field(default=None, ge=16, multiple_of=16)
     optimiser: Literal["adam", "adamw"] = "adamw"
     weight_decay: float = Field(default=0.01, ge=0)
     positive_px: float = Field(default=0.06, gt=0)
     negative_px: float = Field(default=0.02, ge=0)
-    augmentation: Augmentation = Augmentation()
+    augmentation: AugmentationConfig = AugmentationConfig()
     mixed_precision: bool = True
     seed: int = Field(default=0, ge=0)
     log_every: int = Field(default=100, ge=1)
@@ -240,9 +240,9 @@ class TrainConfig(_Settings):
         except ValidationError as error:
             place, what = first_complaint(error)
             raise BadInputError(f"{path}: {place} {what}".rstrip()) from error
-        return config._placed(path.parent if data is None else data, path.parent)
+        return config._resolve_paths(path.parent if data is None else data, path.parent)
 
-    def _placed(self, data: Path, here: Path) -> Self:
+    def _resolve_paths(self, data: Path, here: Path) -> Self:
         pools = {
             name: pool.model_copy(
                 update={
@@ -263,18 +263,18 @@ class TrainConfig(_Settings):
         """Of all stages together."""
         return sum(stage.steps for stage in self.stages)
 
-    def starts(self) -> Iterator[tuple[int, Stage]]:
+    def stage_starts(self) -> Iterator[tuple[int, TrainingStage]]:
         """Every stage with its first step."""
         first = 0
         for stage in self.stages:
             yield first, stage
             first += stage.steps
 
-    def at(self, step: int) -> tuple[int, Stage]:
+    def stage_at(self, step: int) -> tuple[int, TrainingStage]:
         """The stage that `step` belongs to, and its first step."""
-        return [(first, stage) for first, stage in self.starts() if first <= step][-1]
+        return [(first, stage) for first, stage in self.stage_starts() if first <= step][-1]
 
-    def digest(self, step: int) -> str:
+    def weights_digest(self, step: int) -> str:
         """Says which weights stand after `step` steps.
 
         Two configs have the same digest if they lead to the same weights there: stages to come,
@@ -283,12 +283,12 @@ class TrainConfig(_Settings):
         plain = self.model_dump(mode="json", exclude=set(_NO_EFFECT), exclude_defaults=True)
         plain["stages"] = [
             stage.model_dump(mode="json", exclude_defaults=True)
-            for first, stage in self.starts()
+            for first, stage in self.stage_starts()
             if first < max(step, 1)
         ]
         pools = {
             name: self.pools[name]
-            for first, stage in self.starts()
+            for first, stage in self.stage_starts()
             if first < max(step, 1)
             for name in stage.pools
         }

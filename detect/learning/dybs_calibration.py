@@ -97,10 +97,10 @@ def calibrate(weights: Path, samples: Iterable[Sample]) -> Calibration:
     Raises:
         BadInputError: The file is not a single-frame network.
     """
-    from detect.learning.export import annotate
+    from detect.learning.export import write_metadata
 
     calibration = fitted(weights, samples)
-    annotate(weights, {"calibration": json.dumps(calibration.to_plain())})
+    write_metadata(weights, {"calibration": json.dumps(calibration.to_plain())})
     return calibration
 
 
@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cv2.setNumThreads(1)
     try:
         for path in options.networks:
-            samples = (s.sample(i) for s in shards_in(options.samples) for i in range(len(s)))
+            samples = (s.sample_at(i) for s in shards_in(options.samples) for i in range(len(s)))
             calibration = calibrate(path, samples)
             for name in CLASS_NAMES:
                 scale = calibration.scales.get(name)

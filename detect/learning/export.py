@@ -17,8 +17,8 @@ from torch import Tensor, nn
 
 from detect.learning.checkpoint import load_weights, read_checkpoint
 from detect.learning.config import TrainConfig
-from detect.learning.networks import PaperUNet, PlumeNet, build
-from detect.learning.pools import Pool, as_input
+from detect.learning.networks import PaperUNet, PlumeNet, build_network
+from detect.learning.pools import SamplePool, as_input
 from detect.learning.trainer import BEST, LAST
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
@@ -29,7 +29,7 @@ MOST_STRIDES = 1 << 12
 SOME, CALIBRATION_SAMPLES, CALIBRATION_BATCH = 1024, 128, 8
 
 
-def export(config: TrainConfig, checkpoint: Path, path: Path) -> Path:
+def export_checkpoint(config: TrainConfig, checkpoint: Path, path: Path) -> Path:
     """Writes a checkpoint's network with its metadata; any multiple of its stride goes in.
 
     Args:
@@ -41,17 +41,17 @@ def export(config: TrainConfig, checkpoint: Path, path: Path) -> Path:
         BadInputError: The checkpoint is not readable or of another network; PATH is not writable.
     """
     content = read_checkpoint(checkpoint)
-    network = build(config.network)
+    network = build_network(config.network)
     load_weights(network, content, checkpoint)
     trained_on = {
-        "config": config.digest(content["step"]),
+        "config": config.weights_digest(content["step"]),
         "steps": content["step"],
         "data": config.trained_on,
     }
-    return save(network.eval(), path, config.name, config.network.channels, trained_on)
+    return save_network(network.eval(), path, config.name, config.network.channels, trained_on)
 
 
-def publish(config: TrainConfig, folder: Path) -> list[Path]:
+def export_training(config: TrainConfig, folder: Path) -> list[Path]:
     """Writes best.onnx and last.onnx of a finished training; for images last-int8.onnx too.
 
     Args:
@@ -61,33 +61,36 @@ def publish(config: TrainConfig, folder: Path) -> list[Path]:
     Returns:
         The files.
     """
-    files = [export(config, folder / name, folder / f"{name[:-3]}.onnx") for name in (BEST, LAST)]
+    files = [
+        export_checkpoint(config, folder / name, folder / f"{name[:-3]}.onnx")
+        for name in (BEST, LAST)
+    ]
     if config.network.kind == "plume" and config.network.normalise:
         pool = config.pools[next(iter(config.stages[-1].pools))]
-        some = Pool.load(
+        some = SamplePool.load(
             pool.model_copy(update={"samples": pool.samples and min(pool.samples, SOME)})
         )
-        files.append(quantise(files[-1], folder / "last-int8.onnx", some))
+        files.append(quantise_network(files[-1], folder / "last-int8.onnx", some))
     return files
 
 
-def annotate(path: Path, metadata: Mapping[str, str]) -> Path:
+def write_metadata(path: Path, metadata: Mapping[str, str]) -> Path:
     """Adds entries to the metadata of an .onnx file, such as its calibration."""
     model = onnx.load(path)
     props = {entry.key: entry.value for entry in model.metadata_props}
     onnx.helper.set_model_props(model, {**props, **metadata})
-    return _write(model, path)
+    return _write_model(model, path)
 
 
-def save(
+def save_network(
     network: nn.Module, path: Path, name: str, channels: int, trained_on: Mapping[str, Any]
 ) -> Path:
-    """Writes a network in evaluation mode; see `export`."""
+    """Writes a network in evaluation mode; see `export_checkpoint`."""
     network = cast(PlumeNet | PaperUNet, network)
     image = torch.rand(2, channels, 4 * network.stride, 5 * network.stride)
     with torch.inference_mode():
         outputs = [key for key, map_ in network(image)._asdict().items() if map_ is not None]
-    model = _to_onnx(_Maps(network, outputs), network.stride, image, outputs)
+    model = _to_onnx(_OutputMaps(network, outputs), network.stride, image, outputs)
     onnx.helper.set_model_props(
         model,
         {
@@ -100,10 +103,10 @@ def save(
             "trained_on": json.dumps(dict(trained_on)),
         },
     )
-    return _write(model, path)
+    return _write_model(model, path)
 
 
-def quantise(path: Path, int8: Path, pool: Pool) -> Path:
+def quantise_network(path: Path, int8: Path, pool: SamplePool) -> Path:
     """Writes the int8 twin of an fp32 network, for masks.
 
     Static, calibrated on samples spread over a pool; the first and the last convolution stay in
@@ -121,31 +124,31 @@ def quantise(path: Path, int8: Path, pool: Pool) -> Path:
         quantize_static(
             prepared,
             quantised,
-            _Samples(pool),
+            _CalibrationSamples(pool),
             quant_format=QuantFormat.QDQ,
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
             per_channel=True,
             op_types_to_quantize=["Conv", "Relu", "Add", "Resize"],
-            nodes_to_exclude=_kept(onnx.load(prepared)),
+            nodes_to_exclude=_fp32_nodes(onnx.load(prepared)),
         )
         props = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
         model = onnx.load(quantised)
         onnx.helper.set_model_props(model, props | {"name": f"{props['name']}-int8"})
-        return _write(model, int8)
+        return _write_model(model, int8)
     finally:
         prepared.unlink(missing_ok=True)
         quantised.unlink(missing_ok=True)
 
 
-def _kept(model: onnx.ModelProto) -> list[str]:
+def _fp32_nodes(model: onnx.ModelProto) -> list[str]:
     """What stays in fp32: up to the first convolution, and from the last on."""
     nodes = list(model.graph.node)
     first, *_, last = (i for i, node in enumerate(nodes) if node.op_type == "Conv")
     return [node.name for i, node in enumerate(nodes) if not first < i < last]
 
 
-class _Maps(nn.Module):
+class _OutputMaps(nn.Module):
     """The maps that a network has, as a tuple."""
 
     def __init__(self, network: nn.Module, outputs: list[str]) -> None:
@@ -153,24 +156,24 @@ class _Maps(nn.Module):
         self.network, self.outputs = network, outputs
 
     def forward(self, image: Tensor) -> tuple[Tensor, ...]:
-        says = self.network(image)
-        return tuple(getattr(says, name) for name in self.outputs)
+        prediction = self.network(image)
+        return tuple(getattr(prediction, name) for name in self.outputs)
 
 
 @dataclass
-class _Samples(CalibrationDataReader):  # type: ignore[misc]
+class _CalibrationSamples(CalibrationDataReader):  # type: ignore[misc]
     """Images spread over a pool, a few at a time."""
 
-    pool: Pool
+    pool: SamplePool
 
     def __post_init__(self) -> None:
-        self._batches = self._each()
+        self._batches = self._read_batches()
 
     def get_next(self) -> dict[str, np.ndarray] | None:
         """The next images, None after the last."""
         return next(self._batches, None)
 
-    def _each(self) -> Iterator[dict[str, np.ndarray]]:
+    def _read_batches(self) -> Iterator[dict[str, np.ndarray]]:
         chosen = np.linspace(0, len(self.pool) - 1, CALIBRATION_SAMPLES).astype(int)
         for start in range(0, len(chosen), CALIBRATION_BATCH):
             some = chosen[start : start + CALIBRATION_BATCH]
@@ -209,7 +212,7 @@ def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
     return model
 
 
-def _write(model: onnx.ModelProto, path: Path) -> Path:
+def _write_model(model: onnx.ModelProto, path: Path) -> Path:
     try:
         with atomic_path(path) as unfinished:
             unfinished.write_bytes(model.SerializeToString())

@@ -7,11 +7,11 @@ from torch.nn import functional
 from detect.learning.config import LossConfig
 from detect.learning.networks import DISPLACEMENT_UNIT, Prediction
 
-ROUND = 0.3
+CHARBONNIER_KNEE = 0.3
 BETA = 0.5
 
 
-def labels(truth: Tensor, limits_px: Tensor) -> tuple[Tensor, Tensor]:
+def mask_labels(truth: Tensor, limits_px: Tensor) -> tuple[Tensor, Tensor]:
     """What the mask should say, and where it is asked.
 
     Args:
@@ -27,25 +27,27 @@ def labels(truth: Tensor, limits_px: Tensor) -> tuple[Tensor, Tensor]:
     return plume.float(), plume | (size < negative_px)
 
 
-def total(says: Prediction, truth: Tensor, weights: LossConfig, limits_px: Tensor) -> Tensor:
+def total_loss(
+    prediction: Prediction, truth: Tensor, weights: LossConfig, limits_px: Tensor
+) -> Tensor:
     """The weighted sum of the losses that have a weight."""
-    error = (says.displacement - truth) / DISPLACEMENT_UNIT
+    error = (prediction.displacement - truth) / DISPLACEMENT_UNIT
     loss = error.new_zeros(())
     if weights.charbonnier:
-        loss = loss + weights.charbonnier * charbonnier(error)
+        loss = loss + weights.charbonnier * charbonnier_loss(error)
     if weights.squared:
         loss = loss + weights.squared * error.square().mean()
-    if weights.mask and says.logit is not None:
-        plume, asked = labels(truth, limits_px)
-        loss = loss + weights.mask * masked_cross_entropy(says.logit, plume, asked)
-    if weights.likelihood and says.log_variance is not None:
-        loss = loss + weights.likelihood * beta_nll(error, says.log_variance)
+    if weights.mask and prediction.logit is not None:
+        plume, asked = mask_labels(truth, limits_px)
+        loss = loss + weights.mask * masked_cross_entropy(prediction.logit, plume, asked)
+    if weights.likelihood and prediction.log_variance is not None:
+        loss = loss + weights.likelihood * beta_nll(error, prediction.log_variance)
     return loss
 
 
-def charbonnier(error: Tensor) -> Tensor:
+def charbonnier_loss(error: Tensor) -> Tensor:
     """Squared where small, straight where large; (N, 2, ...) in units of the displacement."""
-    return ((error.square().sum(1) + ROUND**2).sqrt() - ROUND).mean()
+    return ((error.square().sum(1) + CHARBONNIER_KNEE**2).sqrt() - CHARBONNIER_KNEE).mean()
 
 
 def masked_cross_entropy(logit: Tensor, plume: Tensor, asked: Tensor) -> Tensor:

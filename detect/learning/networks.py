@@ -32,7 +32,7 @@ class Prediction(NamedTuple):
     logit: Tensor | None = None
 
 
-def build(config: NetworkConfig) -> nn.Module:
+def build_network(config: NetworkConfig) -> nn.Module:
     """The network that a config names, with fresh weights."""
     if config.kind == "paper":
         return PaperUNet(channels=config.channels, width=config.width)
@@ -58,19 +58,21 @@ class PlumeNet(nn.Module):
     def __init__(self, *, channels: int = 1, width: int = 16, normalise: bool = True) -> None:
         super().__init__()
         self.normalise = normalise
-        sizes = [_multiple(width * factor) for factor in WIDENING]
+        sizes = [_round_up_to_16(width * factor) for factor in WIDENING]
         if normalise:
-            self.stem = _convolution(8 * channels, sizes[0])
+            self.stem = _convolution_block(8 * channels, sizes[0])
         else:
-            self.stem = _convolution(channels, sizes[0], stride=2, side=6)
-        self.fine = _convolution(sizes[0], sizes[0])
+            self.stem = _convolution_block(channels, sizes[0], stride=2, side=6)
+        self.fine = _convolution_block(sizes[0], sizes[0])
         steps = list(pairwise(sizes))
         self.down = nn.ModuleList(
-            nn.Sequential(_convolution(a, b, stride=2), _convolution(b, b)) for a, b in steps
+            nn.Sequential(_convolution_block(a, b, stride=2), _convolution_block(b, b))
+            for a, b in steps
         )
         self.narrow = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in reversed(steps))
         self.up = nn.ModuleList(
-            nn.Sequential(_convolution(a, a), _convolution(a, a)) for a, _ in reversed(steps)
+            nn.Sequential(_convolution_block(a, a), _convolution_block(a, a))
+            for a, _ in reversed(steps)
         )
         self.head = nn.Conv2d(sizes[0], 4 * 4, 1)
         nn.init.zeros_(self.head.weight)
@@ -80,7 +82,7 @@ class PlumeNet(nn.Module):
     def forward(self, image: Tensor) -> Prediction:
         """Predicts for (N, C, H, W); H and W are multiples of `stride`."""
         with torch.autocast(image.device.type, enabled=False):
-            x = self.stem(self._planes(image) if self.normalise else image)
+            x = self.stem(self._normalised_planes(image) if self.normalise else image)
         x = self.fine(x)
         skips = []
         for down in self.down:
@@ -96,11 +98,11 @@ class PlumeNet(nn.Module):
             logit=maps[:, 3:],
         )
 
-    def _planes(self, image: Tensor) -> Tensor:
+    def _normalised_planes(self, image: Tensor) -> Tensor:
         """The image at half resolution, its four phases as channels, plain and normalised."""
         plain = functional.pixel_unshuffle(image, 2)
-        mean = _blur(image)
-        spread = (_blur(image * image) - mean * mean).clamp(min=0).sqrt() + CONTRAST_FLOOR
+        mean = _cell_means(image)
+        spread = (_cell_means(image * image) - mean * mean).clamp(min=0).sqrt() + CONTRAST_FLOOR
         local = torch.cat([mean, spread], 1)
         local = functional.interpolate(
             local, scale_factor=CELL_PX // 2, mode="bilinear", align_corners=False
@@ -127,12 +129,12 @@ class PaperUNet(nn.Module):
         super().__init__()
         sizes = [width << level for level in range(5)]
         self.down = nn.ModuleList(
-            _published(a, b) for a, b in zip([channels, *sizes], sizes, strict=False)
+            _published_block(a, b) for a, b in zip([channels, *sizes], sizes, strict=False)
         )
         self.widen = nn.ModuleList(
             nn.ConvTranspose2d(2 * size, size, 2, stride=2) for size in reversed(sizes[:-1])
         )
-        self.up = nn.ModuleList(_published(2 * size, size) for size in reversed(sizes[:-1]))
+        self.up = nn.ModuleList(_published_block(2 * size, size) for size in reversed(sizes[:-1]))
         self.head = nn.Conv2d(width, 2, 1)
 
     def forward(self, image: Tensor) -> Prediction:
@@ -146,7 +148,7 @@ class PaperUNet(nn.Module):
         return Prediction(displacement=cast(Tensor, self.head(x)).float())
 
 
-def _convolution(a: int, b: int, stride: int = 1, side: int = 3) -> nn.Sequential:
+def _convolution_block(a: int, b: int, stride: int = 1, side: int = 3) -> nn.Sequential:
     return nn.Sequential(
         nn.Conv2d(a, b, side, stride=stride, padding=(side - 1) // 2, bias=False),
         nn.BatchNorm2d(b),
@@ -154,19 +156,19 @@ def _convolution(a: int, b: int, stride: int = 1, side: int = 3) -> nn.Sequentia
     )
 
 
-def _published(a: int, b: int) -> nn.Sequential:
+def _published_block(a: int, b: int) -> nn.Sequential:
     layers: list[nn.Module] = []
     for size in (a, b):
         layers += [nn.Conv2d(size, b, 3, padding=1), nn.ReLU(inplace=True), nn.BatchNorm2d(b)]
     return nn.Sequential(*layers)
 
 
-def _blur(image: Tensor) -> Tensor:
+def _cell_means(image: Tensor) -> Tensor:
     """Means of 3 x 3 cells of 8 px, one for each cell."""
     cells = functional.avg_pool2d(image, CELL_PX)
     return functional.avg_pool2d(cells, 3, stride=1, padding=1, count_include_pad=False)
 
 
-def _multiple(size: float) -> int:
+def _round_up_to_16(size: float) -> int:
     """The next multiple of 16, which a processor's widest registers hold."""
     return 16 * math.ceil(size / 16)

@@ -34,25 +34,25 @@ def plot_training(folder: Path, path: Path) -> Path:
     losses = [line for line in lines if line["kind"] == "train"]
     checks = [line for line in lines if line["kind"] == "validation"]
     end = max((line["step"] for line in lines), default=1)
-    loss: Curve = ("loss", _steps(losses), [line["loss"] for line in losses])
+    loss: Curve = ("loss", _journal_steps(losses), [line["loss"] for line in losses])
     families = sorted({name for line in checks for name in line["families"]})
-    scores = [_score(checks, name) for name in families]
+    scores = [_auroc_curve(checks, name) for name in families]
     stages = _stage_starts(losses)
     panels = [
-        _panel("loss", [loss], end, (0.0, max([*loss[2][-50:], 0.1]) * 1.5), stages),
-        _panel("validation AUROC", scores, end, (0.4, 1.0), stages),
+        _draw_panel("loss", [loss], end, (0.0, max([*loss[2][-50:], 0.1]) * 1.5), stages),
+        _draw_panel("validation AUROC", scores, end, (0.4, 1.0), stages),
     ]
     if not cv2.imwrite(str(path), np.vstack(panels)):
         raise BadInputError(f"{path}: cannot be written")
     return path
 
 
-def _score(checks: list[dict[str, Any]], family: str) -> Curve:
+def _auroc_curve(checks: list[dict[str, Any]], family: str) -> Curve:
     known = [line for line in checks if family in line["families"]]
-    return family, _steps(known), [line["families"][family]["auroc"] for line in known]
+    return family, _journal_steps(known), [line["families"][family]["auroc"] for line in known]
 
 
-def _steps(lines: list[dict[str, Any]]) -> list[int]:
+def _journal_steps(lines: list[dict[str, Any]]) -> list[int]:
     return [line["step"] for line in lines]
 
 
@@ -63,7 +63,7 @@ def _stage_starts(losses: list[dict[str, Any]]) -> dict[str, int]:
     return starts
 
 
-def _panel(
+def _draw_panel(
     title: str, curves: list[Curve], end: int, span: tuple[float, float], stages: dict[str, int]
 ) -> np.ndarray:
     picture = np.full((HEIGHT, WIDTH, 3), 255, dtype=np.uint8)
@@ -77,20 +77,20 @@ def _panel(
 
     for value in np.linspace(low, high, 5):
         cv2.line(picture, place(0, value), place(end, value), PALE, 1)
-        _write(picture, f"{value:.2f}", (8, place(0, value)[1] + 4))
+        _write_text(picture, f"{value:.2f}", (8, place(0, value)[1] + 4))
     for i, (name, step) in enumerate(stages.items()):
         cv2.line(picture, place(step, low), place(step, high), PALE, 2)
-        _write(picture, name, (place(step, 0)[0] + 3, MARGIN - 4 - 12 * (i % 2)))
-    _write(picture, f"{title}, {end} steps", (MARGIN, 18))
+        _write_text(picture, name, (place(step, 0)[0] + 3, MARGIN - 4 - 12 * (i % 2)))
+    _write_text(picture, f"{title}, {end} steps", (MARGIN, 18))
     for i, (name, steps, values) in enumerate(curves):
         colour = COLOURS[i % len(COLOURS)]
         known = [place(s, v) for s, v in zip(steps, values, strict=True) if np.isfinite(v)]
         cv2.polylines(picture, [np.array(known, np.int32)], False, colour, 2, cv2.LINE_AA)
-        _write(picture, name, (right + 10, MARGIN + 20 * i), colour)
+        _write_text(picture, name, (right + 10, MARGIN + 20 * i), colour)
     return picture
 
 
-def _write(
+def _write_text(
     picture: np.ndarray, text: str, at: tuple[int, int], colour: tuple[int, int, int] = INK
 ) -> None:
     cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, 1, cv2.LINE_AA)

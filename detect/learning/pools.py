@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from detect.learning.clips import KINDS, TrainingClip, clip_path, list_clips
 from detect.learning.config import PoolConfig, TrainConfig
-from detect.synthesis.dataset import Half, shards_in
+from detect.synthesis.dataset import HalfArray, shards_in
 from detect.synthesis.recipe import SAMPLE_FAMILIES
 from geometry.arrays import BoolArray, FloatMap
 from geometry.errors import BadInputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pool:
+class SamplePool:
     """N samples of one size.
 
     Attributes:
@@ -29,8 +29,8 @@ class Pool:
             samples say so themselves.
     """
 
-    images: NDArray[np.uint8] | Half
-    displacements: Half
+    images: NDArray[np.uint8] | HalfArray
+    displacements: HalfArray
     families: NDArray[np.uint8]
     family_names: tuple[str, ...]
     own_limits_px: FloatMap | None = None
@@ -100,7 +100,7 @@ class Pool:
         limits_px = (config.positive_px, config.negative_px)
         return np.full((np.size(indices), 2), limits_px, np.float32)
 
-    def groups(
+    def group_samples(
         self, families: Mapping[str, float] | None, among: BoolArray
     ) -> tuple[list[NDArray[np.intp]], np.ndarray]:
         """Samples to draw from, and how often each group; families that are not there are left.
@@ -115,7 +115,11 @@ class Pool:
         weights = {"": 1.0} if families is None else families
         groups = []
         for name, weight in weights.items():
-            is_one = self.families == self._index(name) if name else np.ones(len(self), dtype=bool)
+            is_one = (
+                self.families == self._family_index(name)
+                if name
+                else np.ones(len(self), dtype=bool)
+            )
             groups.append((np.flatnonzero(is_one & among), weight))
         groups = [(members, weight) for members, weight in groups if len(members) and weight > 0]
         if not groups:
@@ -123,13 +127,13 @@ class Pool:
         shares = np.array([weight for _, weight in groups])
         return [members for members, _ in groups], shares / shares.sum()
 
-    def reaching(self, least_px: float) -> BoolArray:
+    def select_reaching(self, least_px: float) -> BoolArray:
         """(N,) whether either component of a sample's displacement reaches `least_px` anywhere."""
         if not least_px:
             return np.ones(len(self), dtype=bool)
         return np.array([np.abs(each).max() >= least_px for each in self.displacements])
 
-    def _index(self, family: str) -> int:
+    def _family_index(self, family: str) -> int:
         return self.family_names.index(family) if family in self.family_names else -1
 
 

@@ -110,14 +110,14 @@ def calibrate(weights: Path, clips: Iterable[TrainingClip]) -> Calibration:
     Raises:
         BadInputError: The file is not a network over registered neighbours.
     """
-    from detect.learning.export import annotate
+    from detect.learning.export import write_metadata
 
     calibration, response = fitted(weights, clips)
     plain = {
         "calibration": calibration.to_plain(),
         "response": None if response is None else response.to_plain(),
     }
-    annotate(weights, {key: json.dumps(content) for key, content in plain.items()})
+    write_metadata(weights, {key: json.dumps(content) for key, content in plain.items()})
     return calibration
 
 

@@ -25,7 +25,7 @@ def render_missing(config: TrainConfig, data: Path, *, report: Report, processes
     """
     for name, pool in config.pools.items():
         count = pool.samples or 0
-        if pool.recipe is None or _there(pool.folder) >= count:
+        if pool.recipe is None or _count_rendered(pool.folder) >= count:
             continue
         recipe = Recipe.load(pool.recipe, data)
         if recipe.flows is not None:
@@ -38,7 +38,7 @@ def render_missing(config: TrainConfig, data: Path, *, report: Report, processes
             report(f"samples: {name}", min(end, count) / count)
 
 
-def _there(folder: Path) -> int:
+def _count_rendered(folder: Path) -> int:
     """How many samples stand in a folder; all its files but the last are full."""
     files = sorted(folder.glob("shard_*.npz"))
     if not files:

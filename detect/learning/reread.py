@@ -9,7 +9,7 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 
 from detect.learning.config import NetworkConfig
-from detect.learning.networks import build
+from detect.learning.networks import build_network
 from detect.network import Network
 from geometry.errors import BadInputError
 
@@ -34,8 +34,8 @@ def read_network(path: Path) -> tuple[NetworkConfig, nn.Module]:
     }
     for width in WIDTHS:
         config = NetworkConfig(channels=channels, width=width)
-        network = build(config).eval()
-        state = _unfolded(network, stored)
+        network = build_network(config).eval()
+        state = _unfold_norms(network, stored)
         if all(state[name].shape == there.shape for name, there in network.state_dict().items()):
             network.load_state_dict(state)
             return config, network
@@ -48,14 +48,14 @@ def revive_norms(network: nn.Module, images: Tensor) -> None:
     In evaluation mode the network says what it said before; in training mode nearly so.
     """
     norms = [module for module in network.modules() if isinstance(module, nn.BatchNorm2d)]
-    hooks = [norm.register_forward_hook(_revive) for norm in norms]
+    hooks = [norm.register_forward_hook(_revive_norm) for norm in norms]
     with torch.no_grad():
         network.eval()(images)
     for hook in hooks:
         hook.remove()
 
 
-def _revive(norm: nn.Module, inputs: tuple[Tensor], _: Tensor) -> None:
+def _revive_norm(norm: nn.Module, inputs: tuple[Tensor], _: Tensor) -> None:
     assert isinstance(norm, nn.BatchNorm2d)
     assert norm.running_mean is not None
     assert norm.running_var is not None
@@ -67,7 +67,7 @@ def _revive(norm: nn.Module, inputs: tuple[Tensor], _: Tensor) -> None:
     norm.running_var.copy_(variance)
 
 
-def _unfolded(network: nn.Module, stored: dict[str, Tensor]) -> dict[str, Tensor]:
+def _unfold_norms(network: nn.Module, stored: dict[str, Tensor]) -> dict[str, Tensor]:
     """The state of `network` by what is stored; empty tensors where nothing is."""
     state = {name: stored.get(name, torch.empty(0)) for name in network.state_dict()}
     for path, module in network.named_modules():

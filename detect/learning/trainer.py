@@ -12,19 +12,19 @@ import torch
 from torch import Tensor, nn
 
 from detect.learning import losses
-from detect.learning.batches import Batch, Batches
+from detect.learning.batches import StageBatches, TrainingBatch
 from detect.learning.checkpoint import (
+    append_to_journal,
     load_weights,
-    note,
     read_checkpoint,
     rewind_journal,
     write_checkpoint,
     write_whole,
 )
-from detect.learning.config import Stage, TrainConfig
-from detect.learning.networks import Prediction, build
-from detect.learning.pools import Pool
-from detect.learning.validation import ValidationScore, validate
+from detect.learning.config import TrainConfig, TrainingStage
+from detect.learning.networks import Prediction, build_network
+from detect.learning.pools import SamplePool
+from detect.learning.validation import ValidationScore, validate_network
 from geometry.errors import BadInputError
 
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
@@ -32,7 +32,7 @@ BETAS = (0.9, 0.999)
 Report = Callable[[str, float], None]
 
 
-def train(config: TrainConfig, folder: Path, *, report: Report) -> Path:
+def train_network(config: TrainConfig, folder: Path, *, report: Report) -> Path:
     """Trains, or goes on where FOLDER's checkpoint stands.
 
     On one thread the weights do not depend on how often it was killed.
@@ -48,13 +48,13 @@ def train(config: TrainConfig, folder: Path, *, report: Report) -> Path:
     Raises:
         BadInputError: A pool is missing, or the checkpoint is of a config that leads elsewhere.
     """
-    training = Training.begin(config, folder)
+    training = TrainingRun.begin(config, folder)
     training.run(report)
     return folder / LAST
 
 
 @dataclass(kw_only=True)
-class Training:
+class TrainingRun:
     """A network on its way.
 
     Attributes:
@@ -76,11 +76,11 @@ class Training:
     best: float = -math.inf
 
     @classmethod
-    def begin(cls, config: TrainConfig, folder: Path) -> "Training":
+    def begin(cls, config: TrainConfig, folder: Path) -> "TrainingRun":
         """Fresh weights, or those of FOLDER's checkpoint."""
         torch.manual_seed(config.seed)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        network = build(config.network).to(device)
+        network = build_network(config.network).to(device)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         if config.initial is not None:
             load_weights(network, read_checkpoint(config.initial), config.initial)
@@ -88,13 +88,13 @@ class Training:
             config=config,
             folder=folder,
             network=network,
-            optimiser=_optimiser(config, network),
+            optimiser=_build_optimiser(config, network),
             device=device,
         )
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if (folder / LAST).exists():
-                training._resume(folder / LAST)
+                training._resume_from(folder / LAST)
             write_whole(folder / CONFIG, json.dumps(config.to_plain(), indent=1))
         except OSError as error:
             raise BadInputError(f"{folder}: cannot be written ({error})") from error
@@ -103,37 +103,43 @@ class Training:
 
     def run(self, report: Report) -> None:
         """Trains to the end of the schedule; a stage's samples are read when it begins."""
-        pools: dict[str, Pool] = {}
-        for first, stage in self.config.starts():
+        pools: dict[str, SamplePool] = {}
+        for first, stage in self.config.stage_starts():
             if self.step < first + stage.steps:
-                pools = self._pools(stage, pools)
+                pools = self._load_pools(stage, pools)
                 self._run_stage(first, stage, pools, report)
 
     def _run_stage(
-        self, first: int, stage: Stage, pools: Mapping[str, Pool], report: Report
+        self, first: int, stage: TrainingStage, pools: Mapping[str, SamplePool], report: Report
     ) -> None:
-        config, batches, recent = self.config, Batches(self.config, stage, pools), _Mean()
+        config, batches, recent = (
+            self.config,
+            StageBatches(self.config, stage, pools),
+            _RunningMean(),
+        )
         last = first + stage.steps
         if stage.blend < 1 and self.step == first:
             self.save(BEFORE)
         while self.step < last:
-            rate = _rate(stage, self.step - first)
-            recent.add(self._advance(batches[self.step], stage, rate))
+            rate = _learning_rate(stage, self.step - first)
+            recent.add(self._train_step(batches[self.step], stage, rate))
             if stage.blend < 1 and self.step == last:
-                self._blend(stage.blend)
+                self._blend_weights(stage.blend)
             if self.step % config.log_every == 0:
-                self._note(kind="train", stage=stage.name, loss=recent.take(), rate=rate)
+                self._write_journal(kind="train", stage=stage.name, loss=recent.take(), rate=rate)
             if self.step % config.validate_every == 0 or self.step == config.steps:
-                self._validate(stage, pools[config.validation])
+                self._validate_pool(stage, pools[config.validation])
             if self.step % config.checkpoint_every == 0 or self.step == last:
                 self.save(LAST)
             report(stage.name, (self.step - first) / stage.steps)
 
-    def _pools(self, stage: Stage, loaded: Mapping[str, Pool]) -> dict[str, Pool]:
+    def _load_pools(
+        self, stage: TrainingStage, loaded: Mapping[str, SamplePool]
+    ) -> dict[str, SamplePool]:
         names = [*stage.pools, self.config.validation]
         kept = {name: loaded[name] for name in names if name in loaded}
         return {
-            name: kept[name] if name in kept else Pool.load(self.config.pools[name])
+            name: kept[name] if name in kept else SamplePool.load(self.config.pools[name])
             for name in names
         }
 
@@ -142,7 +148,7 @@ class Training:
         write_checkpoint(
             self.folder / name,
             {
-                "digest": self.config.digest(self.step),
+                "digest": self.config.weights_digest(self.step),
                 "step": self.step,
                 "best": self.best,
                 "network": self.network.state_dict(),
@@ -150,14 +156,14 @@ class Training:
             },
         )
 
-    def _advance(self, batch: Batch, stage: Stage, rate: float) -> float:
+    def _train_step(self, batch: TrainingBatch, stage: TrainingStage, rate: float) -> float:
         for group in self.optimiser.param_groups:
             group["lr"] = rate
         self.network.train()
         image = torch.from_numpy(batch.image).to(self.device, memory_format=torch.channels_last)
         truth = torch.from_numpy(batch.displacement).to(self.device)
         limits_px = torch.from_numpy(batch.limits_px).to(self.device)
-        loss = losses.total(self._predict(image), truth, stage.losses, limits_px)
+        loss = losses.total_loss(self._predict_maps(image), truth, stage.losses, limits_px)
         self.optimiser.zero_grad()
         torch.autograd.backward(loss)
         self.optimiser.step()
@@ -169,23 +175,23 @@ class Training:
             )
         return value
 
-    def _blend(self, share: float) -> None:
+    def _blend_weights(self, share: float) -> None:
         before = read_checkpoint(self.folder / BEFORE)["network"]
         with torch.no_grad():
             for name, after in self.network.state_dict().items():
                 if after.is_floating_point():
                     after.lerp_(before[name].to(after.device), 1 - share)
 
-    def _predict(self, image: Tensor) -> Prediction:
+    def _predict_maps(self, image: Tensor) -> Prediction:
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.mixed_precision):
-            says: Prediction = self.network(image)
-        return says
+            prediction: Prediction = self.network(image)
+        return prediction
 
-    def _validate(self, stage: Stage, pool: Pool) -> None:
+    def _validate_pool(self, stage: TrainingStage, pool: SamplePool) -> None:
         self.network.eval()
         with torch.inference_mode():
-            scores = validate(self._predict_arrays, pool, self.config)
-        self._note(
+            scores = validate_network(self._predict_arrays, pool, self.config)
+        self._write_journal(
             kind="validation",
             stage=stage.name,
             families={name: score.to_plain() for name, score in scores.items()},
@@ -197,13 +203,13 @@ class Training:
 
     def _predict_arrays(self, image: np.ndarray) -> dict[str, np.ndarray]:
         tensor = torch.from_numpy(image).to(self.device, memory_format=torch.channels_last)
-        says: Prediction = self.network(tensor)
-        known = {name: map_ for name, map_ in says._asdict().items() if map_ is not None}
+        prediction: Prediction = self.network(tensor)
+        known = {name: map_ for name, map_ in prediction._asdict().items() if map_ is not None}
         return {name: map_.cpu().numpy() for name, map_ in known.items()}
 
-    def _resume(self, path: Path) -> None:
+    def _resume_from(self, path: Path) -> None:
         content = read_checkpoint(path)
-        if content["digest"] != self.config.digest(content["step"]):
+        if content["digest"] != self.config.weights_digest(content["step"]):
             raise BadInputError(
                 f"{path}: trained with another config for its first {content['step']} steps; "
                 "restore that config or name a new folder"
@@ -212,11 +218,11 @@ class Training:
         self.optimiser.load_state_dict(content["optimiser"])
         self.step, self.best = content["step"], content["best"]
 
-    def _note(self, **line: Any) -> None:
-        note(self.folder, {"step": self.step} | line)
+    def _write_journal(self, **line: Any) -> None:
+        append_to_journal(self.folder, {"step": self.step} | line)
 
 
-class _Mean:
+class _RunningMean:
     """Of what was added since it was last taken."""
 
     def __init__(self) -> None:
@@ -231,7 +237,7 @@ class _Mean:
         return mean
 
 
-def _optimiser(config: TrainConfig, network: nn.Module) -> torch.optim.Optimizer:
+def _build_optimiser(config: TrainConfig, network: nn.Module) -> torch.optim.Optimizer:
     if config.optimiser == "adam":
         return torch.optim.Adam(network.parameters(), betas=BETAS, fused=True)
     return torch.optim.AdamW(
@@ -239,7 +245,7 @@ def _optimiser(config: TrainConfig, network: nn.Module) -> torch.optim.Optimizer
     )
 
 
-def _rate(stage: Stage, step: int) -> float:
+def _learning_rate(stage: TrainingStage, step: int) -> float:
     start, end = stage.learning_rate
     share = step / (stage.cosine_steps or stage.steps)
     return end + (start - end) * (1 + math.cos(math.pi * share)) / 2

@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from detect.learning.config import TrainConfig
-from detect.learning.pools import Pool, as_input
+from detect.learning.pools import SamplePool, as_input
 from detect.scores import auroc
 
 Predict = Callable[[np.ndarray], dict[str, np.ndarray]]
 BATCH = 16
-THIN = 7
+PIXEL_STRIDE = 7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class ValidationScore:
 
     Attributes:
         auroc: Of the mask's logit (of the size, without one); pixels between the two thresholds
-            are left out, and only every `THIN`-th pixel is looked at.
+            are left out, and only every `PIXEL_STRIDE`-th pixel is looked at.
         epe_px: Mean length of the displacement's error where there is plume.
         zero_epe_px: The same for an answer of zero.
         explained: 1 - mean squared error / mean square, over all pixels.
@@ -36,34 +36,38 @@ class ValidationScore:
         return {name: round(float(value), 4) for name, value in asdict(self).items()}
 
 
-def validate(predict: Predict, pool: Pool, config: TrainConfig) -> dict[str, ValidationScore]:
+def validate_network(
+    predict: Predict, pool: SamplePool, config: TrainConfig
+) -> dict[str, ValidationScore]:
     """Scores by family, on samples spread evenly over the pool."""
     chosen = np.unique(np.linspace(0, len(pool) - 1, config.validation_samples).astype(int))
     columns: dict[int, list[np.ndarray]] = {}
     for start in range(0, len(chosen), BATCH):
         some = chosen[start : start + BATCH]
-        says = predict(as_input(pool.images[some]))
+        prediction = predict(as_input(pool.images[some]))
         truth = np.moveaxis(pool.displacements[some], -1, 1).astype(np.float32)
         limits_px = pool.limits_px(some, config)
         for k, family in enumerate(pool.families[some]):
-            one = {name: map_[k] for name, map_ in says.items()}
-            columns.setdefault(int(family), []).append(_thinned(one, truth[k], limits_px[k]))
+            one = {name: map_[k] for name, map_ in prediction.items()}
+            columns.setdefault(int(family), []).append(_thin_pixels(one, truth[k], limits_px[k]))
     return {
-        pool.family_names[family]: _score(np.concatenate(parts, axis=1))
+        pool.family_names[family]: _score_family(np.concatenate(parts, axis=1))
         for family, parts in sorted(columns.items())
     }
 
 
-def _thinned(says: dict[str, np.ndarray], truth: np.ndarray, limits_px: np.ndarray) -> np.ndarray:
+def _thin_pixels(
+    prediction: dict[str, np.ndarray], truth: np.ndarray, limits_px: np.ndarray
+) -> np.ndarray:
     """(5, N): score, size of the truth and of the error, plume, none, for some of the pixels."""
-    answer = says["displacement"]
-    score = says["logit"][0] if "logit" in says else np.linalg.norm(answer, axis=0)
+    answer = prediction["displacement"]
+    score = prediction["logit"][0] if "logit" in prediction else np.linalg.norm(answer, axis=0)
     size, error = (np.linalg.norm(vectors, axis=0) for vectors in (truth, answer - truth))
     maps = [score, size, error, size > limits_px[0], size < limits_px[1]]
-    return np.stack(maps).reshape(len(maps), -1)[:, ::THIN]
+    return np.stack(maps).reshape(len(maps), -1)[:, ::PIXEL_STRIDE]
 
 
-def _score(columns: np.ndarray) -> ValidationScore:
+def _score_family(columns: np.ndarray) -> ValidationScore:
     score, size, error = columns[:3]
     plume, none = columns[3:].astype(bool)
     asked = plume | none

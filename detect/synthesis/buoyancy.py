@@ -82,9 +82,9 @@ class BuoyantFlow:
         self._inverse_square = 1 / np.where(self._square == 0, np.inf, self._square)
         self._index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"))
         self._index = self._index.reshape(3, -1).astype(np.float32)
-        exits = [self._exit(radius_m, center) for center in centers_m]
+        exits = [self._exit_profile(radius_m, center) for center in centers_m]
         self._disc = np.max(exits, axis=0)
-        self._sponge = self._margins()
+        self._sponge = self._boundary_damping()
         self._solid = solid
         if solid is not None:
             self._sponge[solid] = 0
@@ -116,7 +116,7 @@ class BuoyantFlow:
         fastest = max(self.top_speed_mps, self._exit_mps, 0.2)
         steps = ceil(duration_s * fastest / (COURANT * self.cell_m))
         for _ in range(steps):
-            self._step(duration_s / steps)
+            self._advance_step(duration_s / steps)
 
     def develop(self) -> None:
         """Runs until the plume stands: its core could have crossed the box three times."""
@@ -125,10 +125,10 @@ class BuoyantFlow:
         while crossed_m < CROSSINGS * height_m:
             speed = max(self.top_speed_mps, self._exit_mps, 0.2)
             step_s = COURANT * self.cell_m / speed
-            self._step(step_s)
+            self._advance_step(step_s)
             crossed_m += speed * step_s
 
-    def _exit(self, radius_m: float, center_m: tuple[float, float]) -> FloatMap:
+    def _exit_profile(self, radius_m: float, center_m: tuple[float, float]) -> FloatMap:
         x, y = (
             np.arange(n) - (n - 1) / 2 - c / self.cell_m
             for n, c in zip(self.shape[:2], center_m, strict=True)
@@ -136,7 +136,7 @@ class BuoyantFlow:
         radius = np.hypot(x[:, None], y) - radius_m / self.cell_m
         return np.asarray(1 / (1 + np.exp(radius / 0.5)), dtype=np.float32)
 
-    def _margins(self) -> FloatMap:
+    def _boundary_damping(self) -> FloatMap:
         """(X, Y, Z, 4) what a step leaves: the sides damp everything, the lid the tracer."""
         nx, ny, nz = self.shape
         side = [np.minimum(np.arange(n), np.arange(n)[::-1]) for n in (nx, ny)]
@@ -154,19 +154,19 @@ class BuoyantFlow:
         field = scipy.fft.irfftn(spectrum, s=self.shape, axes=(0, 1, 2))
         return np.asarray(field / field.std(), dtype=np.float32)
 
-    def _step(self, dt_s: float) -> None:
-        self.state = self._advected(dt_s)
-        self._feed()
-        self._stir(dt_s)
+    def _advance_step(self, dt_s: float) -> None:
+        self.state = self._advect_state(dt_s)
+        self._feed_exit()
+        self._stir_eddies(dt_s)
         self.state[..., W] += dt_s * self._buoyancy * self.state[..., TRACER]
         self.state[..., U] -= self._wind
         self.state *= self._sponge
         self.state[..., U] += self._wind
-        self._project()
+        self._project_velocity()
         if self._solid is not None:
             self.state[self._solid] = 0
 
-    def _feed(self) -> None:
+    def _feed_exit(self) -> None:
         """Puts fresh fluid into the exit, unsteady as the flow in a pipe or over a fire is."""
         unsteady = 1 + UNSTEADINESS * self._turbulence * self._rng.standard_normal(self.shape[:2])
         fresh = (self._disc * np.clip(unsteady, 0, 1.5))[..., None]
@@ -175,7 +175,7 @@ class BuoyantFlow:
         np.maximum(bottom[..., W], self._exit_mps * fresh, out=bottom[..., W])
         np.clip(self.state[..., TRACER], 0, 1, out=self.state[..., TRACER])
 
-    def _stir(self, dt_s: float) -> None:
+    def _stir_eddies(self, dt_s: float) -> None:
         """Kicks the moving fluid with eddies that turn over while it crosses their size."""
         offset = tuple(int(n) for n in self._rng.integers(0, self.shape))
         speed = np.abs(self.state[..., W]) * np.sqrt(np.clip(4 * self.state[..., TRACER], 0, 1))
@@ -183,19 +183,21 @@ class BuoyantFlow:
         kick = INTENSITY * self._turbulence * speed * np.sqrt(2 * crossed)
         self.state[..., :3] += kick[..., None] * np.roll(self._eddies, offset, axis=(0, 1, 2))
 
-    def _advected(self, dt_s: float) -> FloatMap:
+    def _advect_state(self, dt_s: float) -> FloatMap:
         flat = self.state.reshape(-1, 4)
         shift = flat[:, :3].T * np.float32(dt_s / self.cell_m)
         moving = np.flatnonzero(np.abs(shift).max(axis=0) > STILL_CELLS)
         start, shift = self._index[:, moving], shift[:, moving]
         moved = flat.copy()
-        there, low, high = self._sample(flat, start - shift)
+        there, low, high = self._interpolate_state(flat, start - shift)
         moved[moving] = there
-        back, _, _ = self._sample(moved, start + shift)
+        back, _, _ = self._interpolate_state(moved, start + shift)
         moved[moving] = np.clip(there + 0.5 * (flat[moving] - back), low, high)
         return moved.reshape(self.state.shape)
 
-    def _sample(self, flat: FloatMap, place: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
+    def _interpolate_state(
+        self, flat: FloatMap, place: FloatMap
+    ) -> tuple[FloatMap, FloatMap, FloatMap]:
         """Values (N, 4) at `place` (3, N) in cells, and the least and largest of the corners."""
         nx, ny, nz = self.shape
         np.clip(place[2], 0, nz - 1.001, out=place[2])
@@ -214,7 +216,7 @@ class BuoyantFlow:
             np.maximum(high, values, out=high)
         return total, low, high
 
-    def _project(self) -> None:
+    def _project_velocity(self) -> None:
         """Takes the divergence out of the velocity, and spreads everything a little."""
         spectrum = scipy.fft.rfftn(self.state.transpose(3, 0, 1, 2), axes=(1, 2, 3))
         spectrum *= np.exp(-self._diffusion * self._square)

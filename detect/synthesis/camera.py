@@ -20,7 +20,7 @@ WHITE = 255.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Optics:
+class CameraOptics:
     """The camera of one sample.
 
     Attributes:
@@ -36,11 +36,11 @@ class Optics:
     jpeg_quality: int | None = None
 
 
-def expose(
+def expose_background(
     background: Background,
     warps: Sequence[FloatMap],
     shift_px: FloatArray,
-    optics: Optics,
+    optics: CameraOptics,
     rng: np.random.Generator,
 ) -> GreyImage:
     """Light gathered over the exposure, lens blur, pixel area, noise, tone curve, 8 bit, JPEG.
@@ -57,7 +57,7 @@ def expose(
     Returns:
         (H, W) grey values.
     """
-    light = _gathered(background, warps, shift_px)
+    light = _gather_light(background, warps, shift_px)
     light = cv2.GaussianBlur(light, (0, 0), optics.psf_sigma_px * OVERSAMPLING)
     trim = slice(MARGIN_PX * OVERSAMPLING, -MARGIN_PX * OVERSAMPLING)
     shrink = 1 / OVERSAMPLING
@@ -65,10 +65,12 @@ def expose(
     noisy = pixels + optics.noise / WHITE * rng.standard_normal(pixels.shape, dtype=np.float32)
     toned = WHITE * np.clip(noisy, 0, 1) ** optics.gamma
     image: GreyImage = np.rint(toned).astype(np.uint8)
-    return image if optics.jpeg_quality is None else _compressed(image, optics.jpeg_quality)
+    return image if optics.jpeg_quality is None else _compress_jpeg(image, optics.jpeg_quality)
 
 
-def _gathered(background: Background, warps: Sequence[FloatMap], shift_px: FloatArray) -> FloatMap:
+def _gather_light(
+    background: Background, warps: Sequence[FloatMap], shift_px: FloatArray
+) -> FloatMap:
     """Mean radiance over the moments; what did not move since the first is not seen anew."""
     x, y = _fine_positions(warps[0], shift_px)
     light = background(x, y)
@@ -94,7 +96,7 @@ def _fine_positions(warp: FloatMap, shift_px: FloatArray) -> tuple[FloatMap, Flo
     return fine[..., 0] + x, fine[..., 1] + y[:, None]
 
 
-def _compressed(image: GreyImage, quality: int) -> GreyImage:
+def _compress_jpeg(image: GreyImage, quality: int) -> GreyImage:
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
 

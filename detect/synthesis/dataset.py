@@ -23,7 +23,7 @@ from geometry.npz import open_arrays, save_arrays
 SCHEMA = "locate.samples/1"
 INDEX_NAME = "dataset.json"
 SHARD_SAMPLES = 256
-Half = NDArray[np.float16]
+HalfArray = NDArray[np.float16]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +37,13 @@ class Shard:
         families: (N,) index into `SAMPLE_FAMILIES`.
     """
 
-    images: NDArray[np.uint8] | Half
-    displacements: Half
+    images: NDArray[np.uint8] | HalfArray
+    displacements: HalfArray
     masks: BoolArray
     families: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, samples: list[Sample]) -> Self:
+    def from_samples(cls, samples: list[Sample]) -> Self:
         """Packs samples of one size."""
         return cls(
             images=np.stack([sample.image for sample in samples]),
@@ -55,7 +55,7 @@ class Shard:
     def __len__(self) -> int:
         return len(self.images)
 
-    def sample(self, i: int) -> Sample:
+    def sample_at(self, i: int) -> Sample:
         """Sample `i` of this shard."""
         return Sample(
             image=self.images[i],
@@ -111,14 +111,14 @@ def render_dataset(recipe: Recipe, count: int, folder: Path, *, processes: int =
     Raises:
         BadInputError: The folder holds samples of another recipe, or of other photos or runs.
     """
-    sources = Sources.of(recipe)
-    _claim(folder, recipe, sources)
+    sources = Sources.from_recipe(recipe)
+    _claim_folder(folder, recipe, sources)
     jobs = [
         (folder / f"shard_{first // SHARD_SAMPLES:05d}.npz", range(first, count)[:SHARD_SAMPLES])
         for first in range(0, count, SHARD_SAMPLES)
     ]
-    missing = [(path, indices) for path, indices in jobs if _length(path) < len(indices)]
-    render = partial(_render, recipe, sources)
+    missing = [(path, indices) for path, indices in jobs if _count_samples(path) < len(indices)]
+    render = partial(_render_shard, recipe, sources)
     if processes == 1:
         for job in missing:
             render(job)
@@ -139,13 +139,13 @@ def shards_in(folder: Path) -> Iterator[Shard]:
         yield Shard.load(path)
 
 
-def _render(recipe: Recipe, sources: Sources, job: tuple[Path, range]) -> None:
+def _render_shard(recipe: Recipe, sources: Sources, job: tuple[Path, range]) -> None:
     path, indices = job
     cv2.setNumThreads(1)
-    Shard.of([sample_at(index, recipe, sources) for index in indices]).save(path)
+    Shard.from_samples([sample_at(index, recipe, sources) for index in indices]).save(path)
 
 
-def _length(path: Path) -> int:
+def _count_samples(path: Path) -> int:
     """How many samples a shard holds, 0 where there is none."""
     if not path.exists():
         return 0
@@ -153,7 +153,7 @@ def _length(path: Path) -> int:
         return len(file["families"])
 
 
-def _claim(folder: Path, recipe: Recipe, sources: Sources) -> None:
+def _claim_folder(folder: Path, recipe: Recipe, sources: Sources) -> None:
     """Writes the index, or checks that the folder's own says the same."""
     index = {
         "schema": SCHEMA,

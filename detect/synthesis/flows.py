@@ -17,7 +17,7 @@ from geometry.npz import open_arrays, save_arrays
 from geometry.refraction import AMBIENT_TEMPERATURE_K, density_deficit, refractivity
 
 RunKind = Literal["laminar", "turbulent", "windy", "several", "plate"]
-KINDS: tuple[RunKind, ...] = get_args(RunKind)
+RUN_KINDS: tuple[RunKind, ...] = get_args(RunKind)
 CELLS = (48, 48, 96)
 CELL_M = 0.02
 USED_SHARE = 0.82
@@ -26,7 +26,7 @@ FADE_SHARE = 0.2
 BELOW_CELLS = 8
 SIDE_CELLS = 12
 SMOOTH_CELLS = 0.7
-MOMENTS = 30
+SNAPSHOTS_PER_RUN = 30
 INTERVAL_S = 0.08
 GASES = ("methane", "helium", "propane", "co2")
 GAS_SHARE = 0.25
@@ -36,7 +36,7 @@ RUN_FILES = "run_" + "[0-9]" * 5 + ".npz"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class FlowSource:
     """What rises (or sinks) in a run.
 
     Attributes:
@@ -50,7 +50,7 @@ class Source:
     temperature_k: float
 
     @classmethod
-    def random(cls, rng: np.random.Generator) -> "Source":
+    def draw(cls, rng: np.random.Generator) -> "FlowSource":
         """Mostly hot air, 60 to 250 K above the surroundings; sometimes a gas."""
         if rng.random() < GAS_SHARE:
             fraction = float(rng.uniform(0.4, 1))
@@ -71,7 +71,7 @@ class Source:
         return np.asarray(n - refractivity(), dtype=np.float32)
 
 
-def simulate_run(number: int, *, moments: int = MOMENTS) -> FloatMap:
+def simulate_run(number: int, *, moments: int = SNAPSHOTS_PER_RUN) -> FloatMap:
     """One run: a flow of one kind (`number` counts through them) with random parameters.
 
     Args:
@@ -79,21 +79,21 @@ def simulate_run(number: int, *, moments: int = MOMENTS) -> FloatMap:
         moments: Snapshots; each is seen from two sides.
 
     Returns:
-        (2 * moments, H, W) potentials, normalised by `normalised`.
+        (2 * moments, H, W) potentials, normalised by `normalise_potential`.
     """
     rng = np.random.default_rng([7, number])
-    source = Source.random(rng)
-    flow = _random_flow(KINDS[number % len(KINDS)], source, rng)
+    source = FlowSource.draw(rng)
+    flow = _random_flow(RUN_KINDS[number % len(RUN_KINDS)], source, rng)
     flow.develop()
     views = []
     for _ in range(moments):
         flow.advance(INTERVAL_S)
         excess = source.excess_refractivity(np.clip(flow.tracer, 0, 1))
-        views += [normalised(_framed(excess.sum(axis=axis))) for axis in (0, 1)]
+        views += [normalise_potential(_frame_image(excess.sum(axis=axis))) for axis in (0, 1)]
     return np.array(views)
 
 
-def _random_flow(kind: RunKind, source: Source, rng: np.random.Generator) -> BuoyantFlow:
+def _random_flow(kind: RunKind, source: FlowSource, rng: np.random.Generator) -> BuoyantFlow:
     deficit = abs(density_deficit(source.gas, source.mole_fraction, source.temperature_k))
     laminar = kind == "laminar"
     radius_cells = rng.uniform(2, 4.5) if laminar else rng.uniform(2.5, 8)
@@ -110,11 +110,11 @@ def _random_flow(kind: RunKind, source: Source, rng: np.random.Generator) -> Buo
         turbulence=float(rng.uniform(0, 0.15) if laminar else rng.uniform(0.5, 1.5)),
         diffusion_cells=DIFFUSION_CELLS * float(rng.uniform(2, 4) if laminar else 1),
         wind_mps=float(rng.uniform(0.15, 0.6)) if kind == "windy" else 0.0,
-        solid=_plate(rng) if kind == "plate" else None,
+        solid=_draw_plate(rng) if kind == "plate" else None,
     )
 
 
-def _plate(rng: np.random.Generator) -> BoolArray:
+def _draw_plate(rng: np.random.Generator) -> BoolArray:
     """(X, Y, Z) a thin plate over the exit, off its middle, sometimes sloping."""
     x, y, z = np.indices(CELLS) - (np.array(CELLS)[:, None, None, None] - 1) / 2
     height = (rng.uniform(0.2, 0.4) - 0.5) * CELLS[2]
@@ -124,7 +124,7 @@ def _plate(rng: np.random.Generator) -> BoolArray:
     return np.asarray(reach & (np.abs(z - height - slope * (x - edge)) < 1.5))
 
 
-def _framed(integral: FloatMap) -> FloatMap:
+def _frame_image(integral: FloatMap) -> FloatMap:
     """An integral over (across, up) as an image, faded out above the used part and below."""
     used = int(CELLS[2] * USED_SHARE)
     fade = np.clip((used - np.arange(used)) / (FADE_SHARE * used), 0, 1)
@@ -151,23 +151,23 @@ def random_turbulence(rng: np.random.Generator) -> FloatMap:
     y, x = np.mgrid[:n, :n] / n - 0.5
     wide, tall = rng.uniform(0.06, 0.16), rng.uniform(0.12, 0.16)
     envelope = np.exp(-(x**2) / (2 * wide**2) - y**2 / (2 * tall**2))
-    return normalised(np.asarray(noise * envelope, dtype=np.float32))
+    return normalise_potential(np.asarray(noise * envelope, dtype=np.float32))
 
 
-def slopes(potential: FloatMap) -> FloatMap:
+def potential_gradient(potential: FloatMap) -> FloatMap:
     """(H, W, 2) the gradient of a potential, x right, y down, per cell."""
     along_y, along_x = np.gradient(potential)
     return np.stack([along_x, along_y], axis=-1)
 
 
-def normalised(potential: FloatMap) -> FloatMap:
+def normalise_potential(potential: FloatMap) -> FloatMap:
     """The potential scaled until its steepest slopes (99.9th percentile) are 1 per cell."""
-    steepness = np.linalg.norm(slopes(potential), axis=-1)
+    steepness = np.linalg.norm(potential_gradient(potential), axis=-1)
     peak = float(np.percentile(steepness[steepness > 0.01 * steepness.max()], PEAK_PERCENTILE))
     return potential / np.float32(peak)
 
 
-def write_run(folder: Path, number: int, *, moments: int = MOMENTS) -> Path:
+def write_run(folder: Path, number: int, *, moments: int = SNAPSHOTS_PER_RUN) -> Path:
     """Simulates run `number` into FOLDER/run_00000.npz unless it stands there; 20 to 40 CPU s."""
     path = folder / f"run_{number:05d}.npz"
     if not path.exists():

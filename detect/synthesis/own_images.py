@@ -6,15 +6,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from detect.synthesis.camera import MARGIN_PX, OVERSAMPLING, Background, Optics, expose
+from detect.synthesis.camera import (
+    MARGIN_PX,
+    OVERSAMPLING,
+    Background,
+    CameraOptics,
+    expose_background,
+)
 from detect.synthesis.dataset import Shard
 from detect.synthesis.raster import REACH_PX, as_background, canvas_side
 from detect.synthesis.recipe import Recipe
-from detect.synthesis.sample import Sample, Sources, seen_through_plume
+from detect.synthesis.sample import Sample, Sources, render_through_plume
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
 
-HALF = 0.5
+HALF_SCALE = 0.5
 LARGEST_PX, SMALLEST_PX = 256, 128
 GRID_PX = 32
 """What a network's coarsest cell, 16 px of a halved image, spans in the image itself."""
@@ -29,7 +35,7 @@ HAZE_BLUR_PX = 0.1
 Progress = Callable[[float], None]
 
 
-def own_samples(
+def sample_own_images(
     images: Sequence[GreyImage],
     count: int,
     *,
@@ -52,7 +58,7 @@ def own_samples(
         images: Each (H, W) uint8, without a plume.
         count: How many samples.
         seed: Of every random choice.
-        scale: Of the samples to the images, `HALF` or 1.
+        scale: Of the samples to the images, `HALF_SCALE` or 1.
         largest_px: Side of a sample at most, px of the images.
         runs: Simulated runs to draw flows from; without, all are random turbulence.
         progress: Told the share done.
@@ -60,16 +66,16 @@ def own_samples(
     Raises:
         BadInputError: An image is too small.
     """
-    recipe, sources = _recipe(images, scale, largest_px), Sources(runs=runs)
+    recipe, sources = _build_recipe(images, scale, largest_px), Sources(runs=runs)
 
     def one(rng: np.random.Generator) -> Sample:
-        background = _part(images, recipe.size_px, scale, rng)
-        return seen_through_plume(background, "photo", rng, recipe, sources, shift_px=0)
+        background = _draw_part(images, recipe.size_px, scale, rng)
+        return render_through_plume(background, "photo", rng, recipe, sources, shift_px=0)
 
-    return Shard.of([one(rng) for rng in _each(count, seed, progress)])
+    return Shard.from_samples([one(rng) for rng in _seeded_generators(count, seed, progress)])
 
 
-def hazy_samples(
+def sample_hazy_images(
     images: Sequence[GreyImage],
     count: int,
     *,
@@ -81,25 +87,25 @@ def hazy_samples(
     """The same through haze that displaces every pixel, by a fraction of a pixel to two.
 
     A plume displaces few pixels and these little, and a network that is shown nothing else stays
-    at zero; haze soon teaches it the background. For the arguments see `own_samples`.
+    at zero; haze soon teaches it the background. For the arguments see `sample_own_images`.
     """
-    recipe = _recipe(images, scale, largest_px)
+    recipe = _build_recipe(images, scale, largest_px)
     inside = slice(MARGIN_PX, -MARGIN_PX)
 
     def one(rng: np.random.Generator) -> Sample:
-        background = _part(images, recipe.size_px, scale, rng)
-        haze = _haze(recipe.size_px + 2 * MARGIN_PX, scale, rng)
+        background = _draw_part(images, recipe.size_px, scale, rng)
+        haze = _draw_haze(recipe.size_px + 2 * MARGIN_PX, scale, rng)
         noise = float(np.exp(rng.uniform(*np.log(recipe.noise))))
-        optics = Optics(psf_sigma_px=HAZE_BLUR_PX, noise=noise)
-        image = expose(background, [haze], np.zeros(2), optics, rng)
+        optics = CameraOptics(psf_sigma_px=HAZE_BLUR_PX, noise=noise)
+        image = expose_background(background, [haze], np.zeros(2), optics, rng)
         displacement = haze[inside, inside]
         mask = np.linalg.norm(displacement, axis=-1) > recipe.visible_px
         return Sample(image=image, displacement=displacement, mask=mask, family="photo")
 
-    return Shard.of([one(rng) for rng in _each(count, seed, progress)])
+    return Shard.from_samples([one(rng) for rng in _seeded_generators(count, seed, progress)])
 
 
-def _recipe(images: Sequence[GreyImage], scale: float, largest_px: int) -> Recipe:
+def _build_recipe(images: Sequence[GreyImage], scale: float, largest_px: int) -> Recipe:
     return Recipe(
         size_px=round(sample_side(images, largest_px) * scale),
         families={"photo": 1},
@@ -113,13 +119,13 @@ def _recipe(images: Sequence[GreyImage], scale: float, largest_px: int) -> Recip
     )
 
 
-def _each(count: int, seed: int, progress: Progress) -> Iterator[np.random.Generator]:
+def _seeded_generators(count: int, seed: int, progress: Progress) -> Iterator[np.random.Generator]:
     for index in range(count):
         progress(index / count)
         yield np.random.default_rng([seed, index])
 
 
-def _haze(side: int, scale: float, rng: np.random.Generator) -> FloatMap:
+def _draw_haze(side: int, scale: float, rng: np.random.Generator) -> FloatMap:
     """(side, side, 2) px, smooth, of random coarseness and strength."""
     cell_px = np.exp(rng.uniform(*np.log(HAZE_CELL_PX))) * scale
     strength_px = np.exp(rng.uniform(*np.log(HAZE_PX))) * scale
@@ -143,7 +149,7 @@ def sample_side(images: Sequence[GreyImage], largest_px: int) -> int:
     return min(-(-shortest // GRID_PX) * GRID_PX, largest_px)
 
 
-def _part(
+def _draw_part(
     images: Sequence[GreyImage], size_px: int, scale: float, rng: np.random.Generator
 ) -> Background:
     """A random part of a random image, on the grid that the whole image has in a network.

@@ -14,7 +14,7 @@ TABLE_STEP_PX = 1 / 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lattice:
+class PatternRanges:
     """How regular patterns may look.
 
     Attributes:
@@ -36,7 +36,7 @@ class Lattice:
         return float(np.radians(rng.uniform(*self.angle_deg)))
 
 
-def sinusoid(rng: np.random.Generator, lattice: Lattice) -> Background:
+def draw_sinusoid(rng: np.random.Generator, lattice: PatternRanges) -> Background:
     """One wave, or two that cross at 60 to 120 degrees."""
     count = int(rng.integers(1, lattice.carriers + 1))
     first = lattice.random_angle(rng)
@@ -45,7 +45,7 @@ def sinusoid(rng: np.random.Generator, lattice: Lattice) -> Background:
         2 * np.pi / lattice.random_period(rng) * np.array([np.cos(a), np.sin(a)]) for a in angles
     ]
     phases = rng.uniform(0, 2 * np.pi, count)
-    tone = _tones(rng)
+    tone = _draw_tones(rng)
 
     def radiance(x: FloatMap, y: FloatMap) -> FloatMap:
         total = sum(
@@ -57,14 +57,14 @@ def sinusoid(rng: np.random.Generator, lattice: Lattice) -> Background:
     return radiance
 
 
-def checkerboard(rng: np.random.Generator, lattice: Lattice) -> Background:
+def draw_checkerboard(rng: np.random.Generator, lattice: PatternRanges) -> Background:
     """Squares in two tones; `period_px` spans two of them."""
     period, angle = lattice.random_period(rng), lattice.random_angle(rng)
     phases = rng.uniform(0, 2 * np.pi, 2).astype(np.float32)
     k = np.float32(2 * np.pi / period)
     c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
     steep = np.float32(period / (np.pi * EDGE_PX))
-    tone = _tones(rng)
+    tone = _draw_tones(rng)
 
     def radiance(x: FloatMap, y: FloatMap) -> FloatMap:
         across = np.clip(steep * np.sin(k * (c * x + s * y) + phases[0]), -1, 1)
@@ -74,7 +74,9 @@ def checkerboard(rng: np.random.Generator, lattice: Lattice) -> Background:
     return radiance
 
 
-def parallel_lines(rng: np.random.Generator, lattice: Lattice, size_px: int) -> Background:
+def draw_parallel_lines(
+    rng: np.random.Generator, lattice: PatternRanges, size_px: int
+) -> Background:
     """Stripes of irregular width and tone, as in blinds, cladding, gratings and planks."""
     angle = lattice.random_angle(rng)
     reach_px = 1.5 * size_px
@@ -90,7 +92,7 @@ def parallel_lines(rng: np.random.Generator, lattice: Lattice, size_px: int) -> 
     table = gaussian_filter1d(table, softness).astype(np.float32)
     c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
     middle = np.float32(size_px / 2)
-    tone = _tones(rng)
+    tone = _draw_tones(rng)
 
     def radiance(x: FloatMap, y: FloatMap) -> FloatMap:
         across = c * (x - middle) + s * (y - middle)
@@ -100,7 +102,7 @@ def parallel_lines(rng: np.random.Generator, lattice: Lattice, size_px: int) -> 
     return radiance
 
 
-class _Tones:
+class _ToneCurve:
     """Turns -1 to 1 into radiance."""
 
     def __init__(self, middle: float, amplitude: float) -> None:
@@ -110,12 +112,12 @@ class _Tones:
         return np.asarray(self._middle + self._amplitude * pattern, dtype=np.float32)
 
 
-def _tones(rng: np.random.Generator) -> _Tones:
+def _draw_tones(rng: np.random.Generator) -> _ToneCurve:
     middle = rng.uniform(0.35, 0.6)
-    return _Tones(middle, rng.uniform(0.12, 0.95) * (middle - 0.03))
+    return _ToneCurve(middle, rng.uniform(0.12, 0.95) * (middle - 0.03))
 
 
-def seen_obliquely(pattern: Background, tilt: FloatArray, size_px: int) -> Background:
+def view_obliquely(pattern: Background, tilt: FloatArray, size_px: int) -> Background:
     """The pattern on a wall that recedes by `tilt` (2,) from one side of the frame to the other."""
     a, b = (tilt / size_px).astype(np.float32)
     middle = np.float32(size_px / 2)
@@ -128,7 +130,7 @@ def seen_obliquely(pattern: Background, tilt: FloatArray, size_px: int) -> Backg
     return radiance
 
 
-def unevenly_lit(background: Background, fall: FloatArray, size_px: int) -> Background:
+def light_unevenly(background: Background, fall: FloatArray, size_px: int) -> Background:
     """The background under light that falls off linearly, by `fall` (2,) over the frame."""
     a, b = (fall / size_px).astype(np.float32)
     brightest = np.float32(1 / (1 + np.abs(fall).sum() / 2))

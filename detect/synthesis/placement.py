@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from detect.synthesis.flows import slopes
+from detect.synthesis.flows import potential_gradient
 from geometry.arrays import FloatArray, FloatMap
 
 
@@ -25,7 +25,7 @@ class PlumePlacement:
     center_px: FloatArray
 
     @classmethod
-    def random(
+    def draw_uniform(
         cls,
         rng: np.random.Generator,
         potential: FloatMap,
@@ -49,8 +49,10 @@ class PlumePlacement:
         turn = rng.uniform(0, 2 * np.pi)
         rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         frame_from_cells = zoom * rotation @ np.diag([rng.choice([-1.0, 1.0]), 1.0])
-        seen = np.argwhere(np.linalg.norm(slopes(potential), axis=-1) > visible)[:, ::-1]
-        offsets = (seen - _middle(potential)) @ frame_from_cells.T
+        seen = np.argwhere(np.linalg.norm(potential_gradient(potential), axis=-1) > visible)[
+            :, ::-1
+        ]
+        offsets = (seen - _image_middle(potential)) @ frame_from_cells.T
         while True:
             center = rng.uniform(-offsets.max(axis=0), size_px - 1 - offsets.min(axis=0))
             inside = (offsets + center >= 0) & (offsets + center <= size_px - 1)
@@ -73,14 +75,14 @@ class PlumePlacement:
         """
         axis = np.arange(-margin_px - 1.0, size_px + margin_px + 1)
         cells_from_frame = np.linalg.inv(self.frame_from_cells)
-        offset = _middle(potential) - cells_from_frame @ (self.center_px + drift_px)
+        offset = _image_middle(potential) - cells_from_frame @ (self.center_px + drift_px)
         cells = [row[0] * axis + row[1] * axis[:, None] + o
                  for row, o in zip(cells_from_frame, offset, strict=True)]  # fmt: skip
         zoom = np.sqrt(abs(np.linalg.det(self.frame_from_cells)))
         placed = map_coordinates(potential, cells[::-1], output=np.float32) * np.float32(zoom)
-        return slopes(placed)[1:-1, 1:-1]
+        return potential_gradient(placed)[1:-1, 1:-1]
 
 
-def _middle(potential: FloatMap) -> FloatArray:
+def _image_middle(potential: FloatMap) -> FloatArray:
     """(2,) the middle of an image in its own cells, (x, y)."""
     return (np.array(potential.shape[::-1]) - 1) / 2

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 
 PrintKind = Literal["checkerboard", "sinusoid", "perlin", "squares"]
-KINDS: tuple[PrintKind, ...] = get_args(PrintKind)
+PRINT_KINDS: tuple[PrintKind, ...] = get_args(PrintKind)
 Pattern: TypeAlias = Callable[[FloatArray, FloatArray], FloatMap]
 """Reflectance, 0 black to 1 white, at (W,) places x and (H,) places y on the page, mm."""
 
@@ -40,16 +40,16 @@ def pattern(
     rng = np.random.default_rng(seed)
     match kind:
         case "checkerboard":
-            return lambda x, y: _checks(x, y, period_mm)
+            return lambda x, y: _checkerboard_page(x, y, period_mm)
         case "sinusoid":
-            return lambda x, y: _waves(x, y, period_mm)
+            return lambda x, y: _sinusoid_page(x, y, period_mm)
         case "perlin":
-            return _perlin(rng, period_mm / 2, page_mm)
+            return _perlin_noise(rng, period_mm / 2, page_mm)
         case "squares":
-            return _squares(rng, period_mm / 2, page_mm)
+            return _random_squares(rng, period_mm / 2, page_mm)
 
 
-def printed(pattern: Pattern, page_mm: tuple[float, float], dpi: float) -> GreyImage:
+def rasterise_page(pattern: Pattern, page_mm: tuple[float, float], dpi: float) -> GreyImage:
     """(H, W) the page in dots; the last column and row may reach over its edge by less than one."""
     width, height = (int(np.ceil(side / MM_PER_INCH * dpi - 1e-6)) for side in page_mm)
     x, y = ((np.arange(n, dtype=float) + 0.5) * MM_PER_INCH / dpi for n in (width, height))
@@ -57,17 +57,19 @@ def printed(pattern: Pattern, page_mm: tuple[float, float], dpi: float) -> GreyI
     return np.concatenate([np.rint(255 * band).astype(np.uint8) for band in bands])
 
 
-def _waves(x: FloatArray, y: FloatArray, period_mm: float) -> FloatMap:
+def _sinusoid_page(x: FloatArray, y: FloatArray, period_mm: float) -> FloatMap:
     across, down = (0.25 * np.sin(2 * np.pi / period_mm * places) for places in (x, y))
     return np.asarray(0.5 + across + down[:, None], dtype=np.float32)
 
 
-def _checks(x: FloatArray, y: FloatArray, period_mm: float) -> FloatMap:
+def _checkerboard_page(x: FloatArray, y: FloatArray, period_mm: float) -> FloatMap:
     column, row = (np.floor(2 * places / period_mm).astype(int) for places in (x, y))
     return np.asarray((column + row[:, None]) % 2, dtype=np.float32)
 
 
-def _squares(rng: np.random.Generator, edge_mm: float, page_mm: tuple[float, float]) -> Pattern:
+def _random_squares(
+    rng: np.random.Generator, edge_mm: float, page_mm: tuple[float, float]
+) -> Pattern:
     layers: list[tuple[float, FloatMap]] = []
     for edge in edge_mm * 2.0 ** np.arange(OCTAVES - 1, -1, -1):
         columns, rows = (int(side / edge) + 2 for side in page_mm)
@@ -85,7 +87,9 @@ def _squares(rng: np.random.Generator, edge_mm: float, page_mm: tuple[float, flo
     return reflectance
 
 
-def _perlin(rng: np.random.Generator, cell_mm: float, page_mm: tuple[float, float]) -> Pattern:
+def _perlin_noise(
+    rng: np.random.Generator, cell_mm: float, page_mm: tuple[float, float]
+) -> Pattern:
     """Gradient noise (Perlin, SIGGRAPH 1985) in octaves of equal strength."""
     octaves = []
     for octave in range(OCTAVES):
@@ -109,10 +113,10 @@ def _gradient_noise(x: FloatArray, y: FloatArray, slopes: NDArray[np.complex64])
     total = np.zeros((len(y), len(x)), np.float32)
     for down, right in product((0, 1), repeat=2):
         corner = slopes[np.ix_(row + down, column + right)]
-        weight = _fade(np.abs(1 - down - ty)) * _fade(np.abs(1 - right - tx))
+        weight = _smooth_step(np.abs(1 - down - ty)) * _smooth_step(np.abs(1 - right - tx))
         total += weight * (corner.real * (tx - right) + corner.imag * (ty - down))
     return total
 
 
-def _fade(t: FloatMap) -> FloatMap:
+def _smooth_step(t: FloatMap) -> FloatMap:
     return t**3 * (t * (6 * t - 15) + 10)

@@ -17,7 +17,7 @@ from geometry.errors import BadInputError
 REACH_PX = 8
 """How far beyond the frame a picture goes: lens blur, shift, and the largest displacement."""
 ORDER: Final = 3
-SOFT = 0.6
+SOFTENING_PX = 0.6
 """Blur of every picture, in its own fine pixels; a cubic spline is then as good as exact."""
 SQUARE_ODDS = (0.17, 0.17, 0.66)
 """Of black, white, and what lies below."""
@@ -33,7 +33,7 @@ def canvas_side(size_px: int) -> int:
 
 def as_background(picture: FloatMap) -> Background:
     """A picture of `canvas_side` as radiance at any position in or near the frame."""
-    soft = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), SOFT)
+    soft = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), SOFTENING_PX)
     coefficients = spline_filter(soft, ORDER, output=np.float32, mode="mirror")
 
     def radiance(x: FloatMap, y: FloatMap) -> FloatMap:
@@ -46,13 +46,13 @@ def as_background(picture: FloatMap) -> Background:
     return radiance
 
 
-def perlin(rng: np.random.Generator, side: int) -> FloatMap:
+def draw_perlin(rng: np.random.Generator, side: int) -> FloatMap:
     """Gradient noise in a few octaves (Perlin, SIGGRAPH 1985), as on printed BOS backgrounds."""
     coarse = int(rng.integers(5, 8))
     octaves = range(3, coarse + 1)
     falloff = rng.uniform(0.5, 1.0)
     total = sum(2.0 ** (falloff * (o - coarse)) * _perlin_octave(rng, side, 2**o) for o in octaves)
-    return stretched(np.asarray(total), rng)
+    return stretch_contrast(np.asarray(total), rng)
 
 
 def _perlin_octave(rng: np.random.Generator, side: int, cell: int) -> FloatMap:
@@ -72,7 +72,7 @@ def _perlin_octave(rng: np.random.Generator, side: int, cell: int) -> FloatMap:
     return np.asarray(tiled.reshape(count * cell, -1)[:side, :side], dtype=np.float32)
 
 
-def squares(rng: np.random.Generator, side: int) -> FloatMap:
+def draw_squares(rng: np.random.Generator, side: int) -> FloatMap:
     """Black and white squares of five sizes, the small ones painted over the large ones."""
     picture = np.full((side, side), 0.5, np.float32)
     finest = int(rng.integers(6, 17))
@@ -82,10 +82,10 @@ def squares(rng: np.random.Generator, side: int) -> FloatMap:
         y, x = rng.integers(0, edge, 2)
         layer = tones.repeat(edge, axis=0).repeat(edge, axis=1)[y : y + side, x : x + side]
         picture = np.where(np.isnan(layer), picture, layer)
-    return stretched(np.asarray(picture, dtype=np.float32), rng)
+    return stretch_contrast(np.asarray(picture, dtype=np.float32), rng)
 
 
-def stretched(picture: FloatMap, rng: np.random.Generator) -> FloatMap:
+def stretch_contrast(picture: FloatMap, rng: np.random.Generator) -> FloatMap:
     """The picture with a random contrast, within black and white."""
     spread = picture.std() + 1e-6
     middle, amplitude = rng.uniform(0.35, 0.6), rng.uniform(0.06, 0.24)
@@ -93,7 +93,7 @@ def stretched(picture: FloatMap, rng: np.random.Generator) -> FloatMap:
     return np.asarray(np.clip(toned, 0.01, 0.99), dtype=np.float32)
 
 
-def photos_in(folder: Path, split: Split) -> tuple[Path, ...]:
+def find_photos(folder: Path, split: Split) -> tuple[Path, ...]:
     """The photos under a folder that belong to a split, sorted.
 
     Raises:
@@ -119,7 +119,7 @@ def read_photo(path: Path) -> GreyImage:
     return np.asarray(image, dtype=np.uint8)
 
 
-def photo(rng: np.random.Generator, side: int, path: Path) -> FloatMap:
+def crop_photo(rng: np.random.Generator, side: int, path: Path) -> FloatMap:
     """A random crop of a photo, flipped at random; its pixels become fine pixels or larger ones.
 
     Raises:

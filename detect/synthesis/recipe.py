@@ -6,7 +6,7 @@ from typing import Any, Literal, Self, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from detect.synthesis.patterns import Lattice
+from detect.synthesis.patterns import PatternRanges
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError, first_complaint
 
@@ -139,6 +139,8 @@ class Recipe(BaseModel):
         return plain
 
     @property
-    def lattice(self) -> Lattice:
+    def lattice(self) -> PatternRanges:
         """How its regular patterns may look."""
-        return Lattice(period_px=self.period_px, angle_deg=self.angle_deg, carriers=self.carriers)
+        return PatternRanges(
+            period_px=self.period_px, angle_deg=self.angle_deg, carriers=self.carriers
+        )

@@ -6,17 +6,24 @@ from typing import Self
 
 import numpy as np
 
-from detect.synthesis.camera import MARGIN_PX, Background, Optics, expose
+from detect.synthesis.camera import MARGIN_PX, Background, CameraOptics, expose_background
 from detect.synthesis.flows import random_turbulence, read_run, runs_in
 from detect.synthesis.patterns import (
-    checkerboard,
-    parallel_lines,
-    seen_obliquely,
-    sinusoid,
-    unevenly_lit,
+    draw_checkerboard,
+    draw_parallel_lines,
+    draw_sinusoid,
+    light_unevenly,
+    view_obliquely,
 )
 from detect.synthesis.placement import PlumePlacement
-from detect.synthesis.raster import as_background, canvas_side, perlin, photo, photos_in, squares
+from detect.synthesis.raster import (
+    as_background,
+    canvas_side,
+    crop_photo,
+    draw_perlin,
+    draw_squares,
+    find_photos,
+)
 from detect.synthesis.recipe import Family, Range, Recipe, SampleFamily
 from detect.synthesis.scenes import man_made_scene
 from geometry.arrays import BoolArray, FloatMap, GreyImage
@@ -48,7 +55,7 @@ class Sources:
     runs: tuple[Path, ...] = ()
 
     @classmethod
-    def of(cls, recipe: Recipe) -> Self:
+    def from_recipe(cls, recipe: Recipe) -> Self:
         """Looks into the recipe's folders.
 
         Raises:
@@ -57,7 +64,7 @@ class Sources:
         photos: tuple[Path, ...] = ()
         runs: tuple[Path, ...] = ()
         if recipe.photos is not None and recipe.families.get("photo", 0) > 0:
-            photos = photos_in(recipe.photos, recipe.split)
+            photos = find_photos(recipe.photos, recipe.split)
         if recipe.flows is not None:
             runs = runs_in(recipe.flows, recipe.split)
         return cls(photos=photos, runs=runs)
@@ -78,7 +85,7 @@ def make_sample(rng: np.random.Generator, recipe: Recipe, sources: Sources) -> S
     Args:
         rng: Draws everything.
         recipe: From what.
-        sources: `Sources.of(recipe)`.
+        sources: `Sources.from_recipe(recipe)`.
 
     Raises:
         BadInputError: A photo or a run cannot be read.
@@ -87,10 +94,10 @@ def make_sample(rng: np.random.Generator, recipe: Recipe, sources: Sources) -> S
     weights = np.array([recipe.families[family] for family in names])
     family = names[int(rng.choice(len(names), p=weights / weights.sum()))]
     background = draw_background(family, rng, recipe, sources)
-    return seen_through_plume(background, family, rng, recipe, sources)
+    return render_through_plume(background, family, rng, recipe, sources)
 
 
-def seen_through_plume(
+def render_through_plume(
     background: Background,
     family: Family,
     rng: np.random.Generator,
@@ -110,7 +117,7 @@ def seen_through_plume(
     else:
         warps = _draw_warps(rng, recipe, sources, exposures)
     shift = rng.uniform(-shift_px, shift_px, 2)
-    image = expose(background, warps, shift, _draw_optics(rng, recipe), rng)
+    image = expose_background(background, warps, shift, _draw_optics(rng, recipe), rng)
     inside = slice(MARGIN_PX, -MARGIN_PX)
     displacement = np.asarray(np.mean(warps, axis=0, dtype=np.float32))[inside, inside]
     mask = np.linalg.norm(displacement, axis=-1) > recipe.visible_px
@@ -127,21 +134,21 @@ def draw_background(
     side = canvas_side(size)
     match family:
         case "sinusoid":
-            background = seen_obliquely(sinusoid(rng, recipe.lattice), tilt, size)
+            background = view_obliquely(draw_sinusoid(rng, recipe.lattice), tilt, size)
         case "checkerboard":
-            background = seen_obliquely(checkerboard(rng, recipe.lattice), tilt, size)
+            background = view_obliquely(draw_checkerboard(rng, recipe.lattice), tilt, size)
         case "lines":
-            background = seen_obliquely(parallel_lines(rng, recipe.lattice, size), tilt, size)
+            background = view_obliquely(draw_parallel_lines(rng, recipe.lattice, size), tilt, size)
         case "perlin":
-            background = as_background(perlin(rng, side))
+            background = as_background(draw_perlin(rng, side))
         case "squares":
-            background = as_background(squares(rng, side))
+            background = as_background(draw_squares(rng, side))
         case "scene":
             background = as_background(man_made_scene(rng, side))
         case "photo":
             path = sources.photos[rng.integers(len(sources.photos))]
-            background = as_background(photo(rng, side, path))
-    return unevenly_lit(background, light, size)
+            background = as_background(crop_photo(rng, side, path))
+    return light_unevenly(background, light, size)
 
 
 def _draw_warps(
@@ -150,7 +157,7 @@ def _draw_warps(
     """The displacement at each moment of the exposure, while the plume drifts on."""
     peak_px = log_uniform(rng, recipe.peak_px)
     potential = _draw_potential(rng, recipe, sources)
-    placement = PlumePlacement.random(
+    placement = PlumePlacement.draw_uniform(
         rng,
         potential,
         size_px=recipe.size_px,
@@ -175,9 +182,9 @@ def _draw_potential(rng: np.random.Generator, recipe: Recipe, sources: Sources) 
     return np.asarray(potentials[rng.integers(len(potentials))])
 
 
-def _draw_optics(rng: np.random.Generator, recipe: Recipe) -> Optics:
+def _draw_optics(rng: np.random.Generator, recipe: Recipe) -> CameraOptics:
     quality = int(rng.integers(recipe.jpeg_quality[0], recipe.jpeg_quality[1] + 1))
-    return Optics(
+    return CameraOptics(
         psf_sigma_px=float(rng.uniform(*recipe.psf_sigma_px)),
         noise=log_uniform(rng, recipe.noise),
         gamma=float(rng.uniform(*recipe.gamma)),

@@ -40,13 +40,13 @@ def pattern(
 ) -> None:
     """Print a background for `locate bos`: give --period-mm, or period in px, range and focal."""
     from detect.synthesis.printed_page import pattern as draw
-    from detect.synthesis.printed_page import printed
+    from detect.synthesis.printed_page import rasterise_page
     from locate.printing.sheet import paper_mm, write_sheet
 
     period = find_period_mm(period_mm, period_px, range_m, focal)
     page = paper_mm(paper)
     _check_dots(page, period, dpi, margin_mm)
-    image = printed(draw(kind, period, seed=seed, page_mm=page), page, dpi)
+    image = rasterise_page(draw(kind, period, seed=seed, page_mm=page), page, dpi)
     _whiten_margin(image, page, margin_mm, dpi)
     about = f"{kind}, period {period:.3f} mm, seed {seed}"
     caption = f"100 mm: print at 100 %. {about}" if margin_mm > 0 else None

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import detect
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
@@ -40,10 +40,10 @@ def train(
     path = config_path(config)
     loaded = TrainConfig.load(path, data)
     try:
-        from detect.learning.export import publish
+        from detect.learning.export import export_training
         from detect.learning.plot import plot_training
         from detect.learning.render import render_missing
-        from detect.learning.trainer import train as run
+        from detect.learning.trainer import train_network as run
     except ModuleNotFoundError as error:
         raise BadInputError("torch is missing; pip install 'plume-locate[train]'") from error
 
@@ -52,7 +52,7 @@ def train(
         measure_missing(loaded, report=report)
         render_missing_clips(loaded, report=report, processes=processes)
         run(loaded, output, report=report)
-    files = [*publish(loaded, output), plot_training(output, output / "training.png")]
+    files = [*export_training(loaded, output), plot_training(output, output / "training.png")]
     for file in files:
         out.print(f"Wrote {file}", soft_wrap=True)
 
@@ -94,7 +94,7 @@ def render_missing_clips(config: "TrainConfig", *, report: Report, processes: in
             continue
         pool.folder.mkdir(parents=True, exist_ok=True)
         split: Split = "validation" if name == config.validation else "train"
-        photos = () if pool.photos is None else photos_in(pool.photos, split)
+        photos = () if pool.photos is None else find_photos(pool.photos, split)
         render = partial(_render_clip, pool, photos)
         with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
             for done, _ in enumerate(workers.map(render, seeds), 1):

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 
 from detect.learning.clips import Leaks, TrainingClip, clip_path
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 from geometry.errors import LocateError
 from locate.simulation.clips import draw_clip_scene, make_photo_clip
 from locate.simulation.nuisances import draw_nuisances
@@ -111,7 +111,7 @@ def _write_clips(arguments: argparse.Namespace) -> None:
         write_photo_set_clips(arguments.set, seeds, arguments.output)
         return
     write_photo_clips(
-        photos_in(arguments.photos, arguments.split),
+        find_photos(arguments.photos, arguments.split),
         seeds,
         arguments.output,
         leaks=arguments.leaks,

@@ -21,12 +21,12 @@ from detect.learning import background_adaptation as teaching
 from detect.learning import reread
 from detect.learning.background_adaptation import Adapted, Score, adapt, divided, each, score
 from detect.learning.config import NetworkConfig
-from detect.learning.export import save
-from detect.learning.networks import PlumeNet, build
+from detect.learning.export import save_network
+from detect.learning.networks import PlumeNet, build_network
 from detect.learning.reread import read_network, revive_norms
 from detect.network import Network
 from detect.synthesis.camera import naive_warp
-from detect.synthesis.own_images import HALF, own_samples, sample_side
+from detect.synthesis.own_images import HALF_SCALE, sample_own_images, sample_side
 from geometry.errors import BadInputError
 from locate.commands.adapt import adapt as command
 
@@ -38,7 +38,7 @@ def silent(what: str, share: float) -> None:
 def trained_looking(width: int = 8) -> PlumeNet:
     """A network whose norms and head are not as fresh ones are."""
     torch.manual_seed(3)
-    network = build(NetworkConfig(width=width))
+    network = build_network(NetworkConfig(width=width))
     assert isinstance(network, PlumeNet)
     for module in network.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
@@ -53,7 +53,7 @@ def trained_looking(width: int = 8) -> PlumeNet:
 @pytest.fixture(scope="module")
 def start(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("start") / "start.onnx"
-    return save(trained_looking(), path, "small", 1, {"steps": 1})
+    return save_network(trained_looking(), path, "small", 1, {"steps": 1})
 
 
 def wall(seed: int = 0, shape: tuple[int, int] = (176, 208)) -> np.ndarray:
@@ -104,7 +104,7 @@ def test_still_samples_lie_on_the_pixels_of_the_halved_image() -> None:
     image = wall()
     wide = cv2.copyMakeBorder(image, 0, 32, 0, 32, cv2.BORDER_REFLECT_101)
     halved = cv2.resize(wide, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(float)
-    shard = own_samples([image], 24, seed=1, scale=HALF)
+    shard = sample_own_images([image], 24, seed=1, scale=HALF_SCALE)
     still = [s.image for s in each(shard) if not s.displacement.any()]
     assert len(still) >= 3
     for sample in still:
@@ -127,7 +127,7 @@ def test_halved_samples_do_not_leak_where_a_software_warp_does() -> None:
     image = wall(shape=(400, 400))
     halved = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     camera, software = np.zeros((2, 2)), np.zeros((2, 2))
-    for sample in each(own_samples([image], 50, seed=2, scale=HALF)):
+    for sample in each(sample_own_images([image], 50, seed=2, scale=HALF_SCALE)):
         size_px = np.linalg.norm(sample.displacement, axis=-1)
         crop = halved[: size_px.shape[0], : size_px.shape[1]]
         warped = naive_warp(crop, sample.displacement)
@@ -142,10 +142,10 @@ def test_halved_samples_do_not_leak_where_a_software_warp_does() -> None:
 
 
 def test_samples_are_the_same_for_the_same_seed() -> None:
-    first, again = (own_samples([wall()], 3, seed=5, scale=HALF) for _ in range(2))
+    first, again = (sample_own_images([wall()], 3, seed=5, scale=HALF_SCALE) for _ in range(2))
     assert (first.images == again.images).all()
     assert (first.displacements == again.displacements).all()
-    assert (own_samples([wall()], 3, seed=6, scale=HALF).images != first.images).any()
+    assert (sample_own_images([wall()], 3, seed=6, scale=HALF_SCALE).images != first.images).any()
 
 
 def test_small_images_are_named() -> None:
@@ -177,7 +177,7 @@ def test_adapted_network_is_a_detector_for_images_of_full_size(
     assert told[0] == "samples"
     assert told[-1] == "calibration"
     network = Network(path)
-    assert float(network.metadata["scale"]) == HALF
+    assert float(network.metadata["scale"]) == HALF_SCALE
     assert network.name == "small-adapted"
     found = DybsDetector(path).detect(Frames(images=[wall(9, (101, 133))]), 0)
     assert found.llr.shape == (101, 133)
@@ -196,7 +196,7 @@ def test_one_image_makes_no_evidence(
 
 
 def test_score_knows_a_perfect_answer_from_none(start: Path) -> None:
-    before = score(start, each(own_samples([wall()], 6, seed=0, scale=1)))
+    before = score(start, each(sample_own_images([wall()], 6, seed=0, scale=1)))
     assert abs(before.correlation) < 0.3
     assert before.error_px > before.zero_error_px / 2
     assert 0.05 < before.zero_error_px < 1

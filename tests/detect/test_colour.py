@@ -11,8 +11,8 @@ import torch
 
 from detect.dybs.estimator import SingleFrameEstimator
 from detect.learning.config import TrainConfig
-from detect.learning.export import export
-from detect.learning.trainer import LAST, train
+from detect.learning.export import export_checkpoint
+from detect.learning.trainer import LAST, train_network
 from detect.network import Network
 from detect.synthesis import FAMILIES, Shard
 from detect.synthesis.dataset import SCHEMA, write_index
@@ -60,8 +60,8 @@ def test_three_channels_are_trained_exported_and_run(tmp_path: Path) -> None:
     shard = colour_samples(tmp_path / "samples")
     assert np.array_equal(Shard.load(tmp_path / "samples/shard_00000.npz").masks, shard.masks)
     plan = config(tmp_path / "samples")
-    train(plan, tmp_path / "run", report=lambda *_: None)
-    path = export(plan, tmp_path / "run" / LAST, tmp_path / "colour.onnx")
+    train_network(plan, tmp_path / "run", report=lambda *_: None)
+    path = export_checkpoint(plan, tmp_path / "run" / LAST, tmp_path / "colour.onnx")
     network = Network(path)
     assert network.channels == 3
     planes = shard.images[0].transpose(2, 0, 1).astype(np.float32) / 255
@@ -76,8 +76,8 @@ def test_the_single_frame_detector_feeds_it_grey_thrice(tmp_path: Path) -> None:
     plan = config(tmp_path / "samples")
     stages = (plan.stages[0].model_copy(update={"steps": 1}),)
     plan = plan.model_copy(update={"stages": stages})
-    train(plan, tmp_path / "run", report=lambda *_: None)
-    path = export(plan, tmp_path / "run" / LAST, tmp_path / "colour.onnx")
+    train_network(plan, tmp_path / "run", report=lambda *_: None)
+    path = export_checkpoint(plan, tmp_path / "run" / LAST, tmp_path / "colour.onnx")
     image = np.random.default_rng(1).integers(0, 255, (70, 90), dtype=np.uint8)
     estimate = SingleFrameEstimator(path).estimate(image)
     planes = np.repeat(image[None].astype(np.float32) / 255, 3, axis=0)

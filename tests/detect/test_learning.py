@@ -18,17 +18,17 @@ import torch
 
 import detect
 from detect.learning import losses
-from detect.learning.augmentation import turn
-from detect.learning.batches import Batches
+from detect.learning.augmentation import apply_symmetry
+from detect.learning.batches import StageBatches
 from detect.learning.checkpoint import load_weights, read_checkpoint, read_journal
 from detect.learning.config import NetworkConfig, PoolConfig, TrainConfig
-from detect.learning.export import annotate, publish
-from detect.learning.networks import PaperUNet, PlumeNet, Prediction, build
+from detect.learning.export import export_training, write_metadata
+from detect.learning.networks import PaperUNet, PlumeNet, Prediction, build_network
 from detect.learning.plot import plot_training
-from detect.learning.pools import Pool
+from detect.learning.pools import SamplePool
 from detect.learning.render import render_missing
-from detect.learning.trainer import LAST, train
-from detect.learning.validation import validate
+from detect.learning.trainer import LAST, train_network
+from detect.learning.validation import validate_network
 from detect.synthesis import Recipe, render_dataset
 from geometry.errors import BadInputError
 
@@ -94,7 +94,7 @@ def config_of(data: Path, **changes: object) -> TrainConfig:
 @pytest.fixture(scope="module")
 def trained(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.set_num_threads(1)
-    return train(config_of(data), tmp_path_factory.mktemp("run"), report=quiet).parent
+    return train_network(config_of(data), tmp_path_factory.mktemp("run"), report=quiet).parent
 
 
 def test_a_killed_training_goes_on_to_the_same_weights(
@@ -106,7 +106,7 @@ def test_a_killed_training_goes_on_to_the_same_weights(
     killed = subprocess.run(child, env=environment, capture_output=True, check=False)
     assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
     assert read_checkpoint(tmp_path / LAST)["step"] == 6
-    train(config_of(data), tmp_path, report=quiet)
+    train_network(config_of(data), tmp_path, report=quiet)
     ours, theirs = (read_checkpoint(run / LAST) for run in (tmp_path, trained))
     assert ours["step"] == theirs["step"] == 12
     for name, weights in theirs["network"].items():
@@ -121,7 +121,7 @@ def _steps(folder: Path) -> list[tuple[str, int]]:
 def test_a_config_that_leads_elsewhere_is_refused(data: Path, trained: Path) -> None:
     for change in ({"seed": 1}, {"batch": 3}, {"network": {"width": 8}}):
         with pytest.raises(BadInputError, match="another config"):
-            train(config_of(data, **change), trained, report=quiet)
+            train_network(config_of(data, **change), trained, report=quiet)
 
 
 def test_later_stages_may_change(data: Path, trained: Path) -> None:
@@ -129,9 +129,9 @@ def test_later_stages_may_change(data: Path, trained: Path) -> None:
     longer = config.model_copy(
         update={"stages": (*config.stages, config.stages[0]), "checkpoint_every": 1}
     )
-    assert longer.digest(config.steps) == config.digest(config.steps)
+    assert longer.weights_digest(config.steps) == config.weights_digest(config.steps)
     shorter = config.model_copy(update={"stages": config.stages[:1]})
-    assert shorter.digest(8) == config.digest(8) != config.digest(9)
+    assert shorter.weights_digest(8) == config.weights_digest(8) != config.weights_digest(9)
 
 
 def test_a_blended_stage_ends_between_its_two_ends(
@@ -142,7 +142,7 @@ def test_a_blended_stage_ends_between_its_two_ends(
     halves = (first, second.model_copy(update={"blend": 0.25}))
     whole = read_checkpoint(trained / LAST)["network"]
     config = config.model_copy(update={"stages": halves})
-    ended = read_checkpoint(train(config, tmp_path, report=quiet))["network"]
+    ended = read_checkpoint(train_network(config, tmp_path, report=quiet))["network"]
     began = read_checkpoint(tmp_path / "before.pt")["network"]
     for name, weights in ended.items():
         if weights.is_floating_point():
@@ -151,8 +151,8 @@ def test_a_blended_stage_ends_between_its_two_ends(
 
 def test_a_batch_follows_from_its_step(data: Path) -> None:
     config = config_of(data)
-    pools = {"some": Pool.load(config.pools["some"])}
-    one, other = (Batches(config, config.stages[0], pools) for _ in range(2))
+    pools = {"some": SamplePool.load(config.pools["some"])}
+    one, other = (StageBatches(config, config.stages[0], pools) for _ in range(2))
     _ = other[4]
     assert np.array_equal(one[5].image, other[5].image)
     assert not np.array_equal(one[5].image, one[6].image)
@@ -163,14 +163,14 @@ def test_a_batch_follows_from_its_step(data: Path) -> None:
 
 def test_stages_draw_what_they_name(data: Path) -> None:
     config = config_of(data)
-    pool = Pool.load(config.pools["some"])
-    (lines,), _ = pool.groups({"lines": 1, "photo": 3}, np.ones(len(pool), dtype=bool))
+    pool = SamplePool.load(config.pools["some"])
+    (lines,), _ = pool.group_samples({"lines": 1, "photo": 3}, np.ones(len(pool), dtype=bool))
     assert {pool.family_names[k] for k in pool.families[lines]} == {"lines"}
-    (plumes,), _ = pool.groups(None, pool.reaching(0.06))
+    (plumes,), _ = pool.group_samples(None, pool.select_reaching(0.06))
     assert 0 < len(plumes) < len(pool)
     assert all(np.abs(pool.displacements[k]).max() >= 0.06 for k in plumes)
     with pytest.raises(BadInputError, match="photo"):
-        pool.groups({"photo": 1}, np.ones(len(pool), dtype=bool))
+        pool.group_samples({"photo": 1}, np.ones(len(pool), dtype=bool))
 
 
 @pytest.mark.parametrize("symmetry", range(8))
@@ -188,7 +188,7 @@ def test_vectors_turn_with_the_image(symmetry: int) -> None:
         return background(-x if symmetry & 1 else x, -y if symmetry & 2 else y)
 
     image = background(x + w[0], y + w[1])[None].astype(np.float32)
-    image, w = turn(image, symmetry, ()), turn(w, symmetry, ((0, 1),))
+    image, w = apply_symmetry(image, symmetry, ()), apply_symmetry(w, symmetry, ((0, 1),))
     assert image[0] == pytest.approx(turned_background(x + w[0], y + w[1]), abs=1e-5)
 
 
@@ -231,7 +231,7 @@ def test_features_are_read_as_their_four_phases_would_be() -> None:
 
 
 def test_the_papers_network() -> None:
-    network = build(NetworkConfig(kind="paper", width=4))
+    network = build_network(NetworkConfig(kind="paper", width=4))
     assert isinstance(network, PaperUNet)
     says = network.eval()(torch.rand(1, 1, 16, 32))
     assert says.displacement.shape == (1, 2, 16, 32)
@@ -258,7 +258,7 @@ def test_the_papers_training_runs(data: Path, tmp_path: Path) -> None:
         crop_px=16,
         augmentation={"symmetries": "flips"},
     )
-    train(config, tmp_path, report=quiet)
+    train_network(config, tmp_path, report=quiet)
     says = read_journal(tmp_path)[-1]["families"]
     assert set(says) == {"sinusoid", "lines"}
     with pytest.raises(BadInputError, match="displacement alone"):
@@ -280,7 +280,7 @@ def test_it_learns_what_is_there(data: Path) -> None:
     weights = config_of(data).stages[0].losses
     values = []
     for _ in range(80):
-        loss = losses.total(network(image), truth, weights, LIMITS_PX)
+        loss = losses.total_loss(network(image), truth, weights, LIMITS_PX)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -295,7 +295,7 @@ def test_it_learns_what_is_there(data: Path) -> None:
 def test_the_mask_looks_away_from_weak_displacement() -> None:
     truth = torch.zeros(1, 2, 1, 4)
     truth[0, 0, 0] = torch.tensor([0.0, 0.03, -0.07, 0.5])
-    plume, asked = losses.labels(truth, LIMITS_PX)
+    plume, asked = losses.mask_labels(truth, LIMITS_PX)
     assert plume.flatten().tolist() == [0, 0, 1, 1]
     assert asked.flatten().tolist() == [True, False, True, True]
     logit = torch.tensor([[[[0.0, 50.0, 0.0, 0.0]]]])
@@ -321,13 +321,13 @@ def test_the_weights_of_the_losses_count() -> None:
         update={"charbonnier": 0.0, "mask": 0.0, "likelihood": 0.0, "squared": 2.0}
     )
     truth = torch.zeros(1, 2, 4, 4)
-    loss = losses.total(says, truth, none, LIMITS_PX)
+    loss = losses.total_loss(says, truth, none, LIMITS_PX)
     assert float(loss) == pytest.approx(2 * (1 / losses.DISPLACEMENT_UNIT) ** 2)
 
 
 def test_validation_knows_a_perfect_answer(data: Path) -> None:
     config = config_of(data)
-    pool = Pool.load(config.pools["some"])
+    pool = SamplePool.load(config.pools["some"])
     truths = iter(
         np.moveaxis(pool.displacements, -1, 1).astype(np.float32).reshape(-1, 2, SIDE, SIDE)
     )
@@ -336,7 +336,7 @@ def test_validation_knows_a_perfect_answer(data: Path) -> None:
         truth = np.stack([next(truths) for _ in image])
         return {"displacement": truth, "logit": np.linalg.norm(truth, axis=1, keepdims=True)}
 
-    for score in validate(perfect, pool, config).values():
+    for score in validate_network(perfect, pool, config).values():
         assert score.auroc == 1
         assert score.epe_px == 0
         assert score.explained == 1
@@ -344,11 +344,11 @@ def test_validation_knows_a_perfect_answer(data: Path) -> None:
 
 def test_onnx_says_what_torch_says(data: Path, trained: Path) -> None:
     config = config_of(data)
-    assert [path.name for path in publish(config, trained)] == [
+    assert [path.name for path in export_training(config, trained)] == [
         "best.onnx", "last.onnx", "last-int8.onnx",
     ]  # fmt: skip
     plain, int8 = (_session(trained / name) for name in ("last.onnx", "last-int8.onnx"))
-    network = build(config.network)
+    network = build_network(config.network)
     load_weights(network, read_checkpoint(trained / LAST), trained / LAST)
     for shape in ((1, 1, 16, 16), (2, 1, 48, 80)):
         image = np.random.default_rng(0).random(shape, dtype=np.float32)
@@ -368,8 +368,8 @@ def test_onnx_says_what_torch_says(data: Path, trained: Path) -> None:
 
 def test_a_file_says_what_it_is(data: Path, trained: Path) -> None:
     if not (trained / "last.onnx").exists():
-        publish(config_of(data), trained)
-    annotate(trained / "last.onnx", {"calibration": "[1]"})
+        export_training(config_of(data), trained)
+    write_metadata(trained / "last.onnx", {"calibration": "[1]"})
     for name, calibration in (("last", [1]), ("last-int8", None)):
         props = _session(trained / f"{name}.onnx").get_modelmeta().custom_metadata_map
         assert props["schema"] == "locate.network/1"
@@ -409,8 +409,8 @@ def test_bad_configs_are_one_line(data: Path) -> None:
 
 def test_too_few_samples_are_refused(data: Path) -> None:
     with pytest.raises(BadInputError, match="24 of 25 samples"):
-        Pool.load(PoolConfig(folder=data / "samples", samples=25))
-    assert len(Pool.load(PoolConfig(folder=data / "samples", samples=10))) == 10
+        SamplePool.load(PoolConfig(folder=data / "samples", samples=25))
+    assert len(SamplePool.load(PoolConfig(folder=data / "samples", samples=10))) == 10
 
 
 def test_missing_samples_are_rendered_once(tmp_path: Path) -> None:
@@ -421,10 +421,10 @@ def test_missing_samples_are_rendered_once(tmp_path: Path) -> None:
     for _ in range(2):
         render_missing(config, tmp_path, report=lambda what, share: told.append(what))
     assert told == ["samples: some"]
-    assert len(Pool.load(config.pools["some"])) == 3
+    assert len(SamplePool.load(config.pools["some"])) == 3
     more = config_of(tmp_path, pools={"some": {**pools["some"], "samples": 5}})
     render_missing(more, tmp_path, report=quiet)
-    assert len(Pool.load(more.pools["some"])) == 5
+    assert len(SamplePool.load(more.pools["some"])) == 5
     (tmp_path / "recipe.yaml").write_text("families: {photo: 1}\nphotos: mine\n")
     assert Recipe.load(tmp_path / "recipe.yaml", Path("data")).photos == Path("data/mine")
     (tmp_path / "recipe.yaml").write_text("families: [\n")

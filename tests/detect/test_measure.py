@@ -11,7 +11,7 @@ from detect.dybs.pattern_measurement import (
     network_channels,
 )
 from detect.dybs.refinement import RefinementNetwork
-from detect.learning.augmentation import turn
+from detect.learning.augmentation import apply_symmetry
 from detect.learning.measured_samples import measure_samples
 from detect.synthesis import Recipe, Sources, render_dataset, sample_at, shards_in
 from detect.texture import texture_classes
@@ -29,9 +29,9 @@ def image_of(family: str, index: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("family", ["sinusoid", "lines"])
 def test_channels_turn_with_the_image(family: str, symmetry: int) -> None:
     image = image_of(family)
-    turned = turn(image[None].astype(np.float32), symmetry, ())[0].astype(np.uint8)
+    turned = apply_symmetry(image[None].astype(np.float32), symmetry, ())[0].astype(np.uint8)
     direct = network_channels(measure_pattern(turned, texture_classes(turned)))
-    expected = turn(
+    expected = apply_symmetry(
         network_channels(measure_pattern(image, texture_classes(image))),
         symmetry,
         VECTORS,

@@ -46,7 +46,7 @@ def test_the_dataset_reads_like_any_other_and_its_flow_is_right(tmp_path: Path) 
     assert pairs.fault is None
     assert len(shard) == pairs.crops == 4 * 2
     for k in range(len(shard)):
-        sample = shard.sample(k)
+        sample = shard.sample_at(k)
         truth = LENS[:, :96] if k % 2 == 0 else LENS[:, 48:]
         assert sample.family == "recorded"
         assert np.linalg.norm(sample.displacement - truth, axis=-1).mean() < 0.05

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from detect.calibration import Calibration, Scale
-from detect.learning.augmentation import augment
+from detect.learning.augmentation import augment_sample
 from detect.learning.clips import KINDS, TrainingClip, clip_path
-from detect.learning.config import Augmentation, PoolConfig, TrainConfig
+from detect.learning.config import AugmentationConfig, PoolConfig, TrainConfig
 from detect.learning.registered_calibration import calibrate, main, read_clip
 from detect.network import Network
 from detect.registered import RegisteredDetector
@@ -119,15 +119,15 @@ def config_of(folder: Path, pools: dict[str, object]) -> TrainConfig:
 
 def test_a_network_is_trained_on_clips_and_exported(tmp_path: Path) -> None:
     torch = pytest.importorskip("torch")
-    from detect.learning.export import publish
-    from detect.learning.trainer import train
+    from detect.learning.export import export_training
+    from detect.learning.trainer import train_network
 
     torch.set_num_threads(1)
     for seed in (7, 8):
         clip(0.3, seed=seed).save(clip_path(tmp_path, seed))
     config = config_of(tmp_path, {"some": {"folder": ".", "seeds": [[7, 9]]}})
-    train(config, tmp_path / "run", report=lambda stage, share: None)
-    files = publish(config, tmp_path / "run")
+    train_network(config, tmp_path / "run", report=lambda stage, share: None)
+    files = export_training(config, tmp_path / "run")
     assert [file.name for file in files] == ["best.onnx", "last.onnx"]
     output = EvidenceNetwork(files[-1]).evaluate(clip(0.3).inputs[0].astype(np.float32))
     assert output.displacement.shape == (*SHAPE, 2)
@@ -139,7 +139,7 @@ def test_other_seeds_lead_elsewhere(tmp_path: Path) -> None:
         config_of(tmp_path, {"some": {"folder": ".", **more}})
         for more in ({"seeds": [[7, 9]]}, {"seeds": [[7, 8]]}, {})
     )
-    assert len({config.digest(3) for config in (one, other, plain)}) == 3
+    assert len({config.weights_digest(3) for config in (one, other, plain)}) == 3
     assert one.pools["some"].all_seeds() == [7, 8]
 
 
@@ -151,10 +151,10 @@ def test_an_empty_range_of_seeds_is_refused(tmp_path: Path) -> None:
 def test_a_denser_gas_bends_the_other_way() -> None:
     rng = np.random.default_rng(0)
     image, displacement = rng.normal(size=(3, 4, 4)), rng.normal(size=(2, 4, 4))
-    how = Augmentation(symmetries="none", vectors=((0, 1),), negate=True)
+    how = AugmentationConfig(symmetries="none", vectors=((0, 1),), negate=True)
     signs = set()
     for seed in range(8):
-        changed, moved = augment(image, displacement, "", how, np.random.default_rng(seed))
+        changed, moved = augment_sample(image, displacement, "", how, np.random.default_rng(seed))
         sign = float(np.sign(moved[0, 0, 0] / displacement[0, 0, 0]))
         np.testing.assert_allclose(moved, sign * displacement, rtol=1e-6)
         np.testing.assert_allclose(changed[:2], sign * image[:2], rtol=1e-6)

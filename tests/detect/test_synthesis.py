@@ -11,18 +11,18 @@ from scipy.optimize import least_squares
 
 from detect.synthesis import FAMILIES, Recipe, Sample, Sources, dataset, flows, sample_at
 from detect.synthesis.buoyancy import BuoyantFlow
-from detect.synthesis.camera import MARGIN_PX, WHITE, Optics, expose
+from detect.synthesis.camera import MARGIN_PX, WHITE, CameraOptics, expose_background
 from detect.synthesis.dataset import Shard, render_dataset, shards_in
 from detect.synthesis.flows import (
-    normalised,
+    normalise_potential,
+    potential_gradient,
     random_turbulence,
     read_run,
     runs_in,
-    slopes,
     write_run,
 )
 from detect.synthesis.placement import PlumePlacement
-from detect.synthesis.raster import photos_in
+from detect.synthesis.raster import find_photos
 from detect.synthesis.split import split_of_photo, split_of_run
 from detect.warp import pixel_grid
 from geometry.arrays import FloatArray, FloatMap
@@ -34,7 +34,7 @@ INSIDE = slice(MARGIN_PX, -MARGIN_PX)
 
 
 def samples(recipe: Recipe, count: int) -> list[Sample]:
-    sources = Sources.of(recipe)
+    sources = Sources.from_recipe(recipe)
     return [sample_at(index, recipe, sources) for index in range(count)]
 
 
@@ -57,7 +57,7 @@ def photo_folder(folder: Path, count: int) -> Path:
 
 
 def test_a_sample_depends_on_seed_split_and_index_alone() -> None:
-    sources = Sources.of(SMALL)
+    sources = Sources.from_recipe(SMALL)
     later, first = sample_at(5, SMALL, sources), sample_at(0, SMALL, sources)
     assert same(first, sample_at(0, SMALL, sources))
     assert same(later, sample_at(5, SMALL, sources))
@@ -132,10 +132,13 @@ def test_pixel_p_shows_the_background_at_p_plus_w() -> None:
     kx, ky, sigma, size = 0.5, 0.2, 0.45, 64
     shift = np.array([0.2, -0.4])
     warp = gaussian_warp(size + 2 * MARGIN_PX, 1.0)
-    image = expose(
-        lambda x, y: 0.5 + 0.3 * np.sin(kx * x + ky * y), [warp], shift, Optics(psf_sigma_px=sigma),
+    image = expose_background(
+        lambda x, y: 0.5 + 0.3 * np.sin(kx * x + ky * y),
+        [warp],
+        shift,
+        CameraOptics(psf_sigma_px=sigma),
         np.random.default_rng(0),
-    )  # fmt: skip
+    )
     kept = np.exp(-(kx**2 + ky**2) * sigma**2 / 2)
     kept *= np.sinc(kx / (2 * np.pi)) * np.sinc(ky / (2 * np.pi))
 
@@ -180,11 +183,11 @@ def test_exposure_averages_the_moments() -> None:
     warps = [gaussian_warp(40, peak) for peak in (0.5, 2.5)]
     rng = np.random.default_rng(0)
     together, alone = (
-        expose(ramp, moments, np.zeros(2), Optics(), rng).astype(int)
+        expose_background(ramp, moments, np.zeros(2), CameraOptics(), rng).astype(int)
         for moments in (warps, [np.asarray((warps[0] + warps[1]) / 2)])
     )
     assert np.abs(together - alone).max() <= 1
-    first = expose(ramp, warps[:1], np.zeros(2), Optics(), rng)
+    first = expose_background(ramp, warps[:1], np.zeros(2), CameraOptics(), rng)
     assert np.abs(together - first).max() >= 3
 
 
@@ -193,9 +196,9 @@ def test_tone_and_jpeg_stay_eight_bit(gamma: float, quality: int | None) -> None
     def grey(x: FloatMap, y: FloatMap) -> FloatMap:
         return np.asarray(0.25 + 0 * x * y)
 
-    optics = Optics(gamma=gamma, jpeg_quality=quality, noise=2)
+    optics = CameraOptics(gamma=gamma, jpeg_quality=quality, noise=2)
     still = [np.zeros((46, 46, 2), np.float32)]
-    image = expose(grey, still, np.zeros(2), optics, np.random.default_rng(0))
+    image = expose_background(grey, still, np.zeros(2), optics, np.random.default_rng(0))
     assert image.dtype == np.uint8
     assert image.shape == (40, 40)
     assert image.mean() == pytest.approx(255 * 0.25**gamma, rel=0.03)
@@ -206,7 +209,7 @@ def test_plumes_stand_everywhere_alike() -> None:
     size, total, count = 32, np.zeros((32, 32)), 1500
     for _ in range(count):
         potential = random_turbulence(rng)
-        place = PlumePlacement.random(
+        place = PlumePlacement.draw_uniform(
             rng, potential, size_px=size, relative_length=1.5, visible=0.2
         )  # fmt: skip
         w = place.displacement(potential, size_px=size, margin_px=0, drift_px=np.zeros(2))
@@ -219,7 +222,7 @@ def test_plumes_stand_everywhere_alike() -> None:
 
 def test_photos_and_runs_are_split_apart(tmp_path: Path) -> None:
     folder = photo_folder(tmp_path / "photos", 60)
-    parts = {split: set(photos_in(folder, split)) for split in ("train", "validation", "test")}
+    parts = {split: set(find_photos(folder, split)) for split in ("train", "validation", "test")}
     assert sum(len(part) for part in parts.values()) == len(set().union(*parts.values())) == 60
     assert len(parts["train"]) > 35
     assert split_of_photo(Path("a/b.png")) == split_of_photo(Path("c/b.webp"))
@@ -237,7 +240,7 @@ def test_runs_are_made_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert write_run(tmp_path, number).stat().st_mtime_ns == written
         assert len(potentials) == 2
         for potential in potentials:
-            steepness = np.linalg.norm(slopes(potential), axis=-1)
+            steepness = np.linalg.norm(potential_gradient(potential), axis=-1)
             assert 0.9 < steepness.max() < 2
             border = np.concatenate([steepness[[0, -1]].ravel(), steepness[:, [0, -1]].ravel()])
             assert border.max() < 0.02
@@ -272,8 +275,8 @@ def _lean(field: FloatMap) -> float:
 
 
 def test_normalised_peak_is_one() -> None:
-    potential = normalised(7 * random_turbulence(np.random.default_rng(0)))
-    steepness = np.linalg.norm(slopes(potential), axis=-1)
+    potential = normalise_potential(7 * random_turbulence(np.random.default_rng(0)))
+    steepness = np.linalg.norm(potential_gradient(potential), axis=-1)
     assert np.percentile(steepness[steepness > 0.01], 99.9) == pytest.approx(1, abs=0.01)
 
 
@@ -292,7 +295,7 @@ def test_rendering_resumes_to_the_same_bits(
     shards = list(shards_in(folder))
     assert [len(shard) for shard in shards] == [3, 3, 3, 2]
     assert not list(folder.glob("*.partial*"))
-    kept = [shard.sample(i) for shard in shards for i in range(len(shard))]
+    kept = [shard.sample_at(i) for shard in shards for i in range(len(shard))]
     for sample, expected in zip(kept, samples(SMALL, 11), strict=True):
         np.testing.assert_array_equal(sample.image, expected.image)
         np.testing.assert_array_equal(sample.mask, expected.mask)
@@ -321,7 +324,7 @@ def test_recipes_come_from_yaml_with_folders_beside_them(tmp_path: Path) -> None
     recipe = Recipe.load(path)
     assert recipe.photos == tmp_path / "photos"
     assert Recipe.from_plain(recipe.to_plain()) == recipe
-    assert all(a < b for a, b in pairwise(Sources.of(recipe).photos))
+    assert all(a < b for a, b in pairwise(Sources.from_recipe(recipe).photos))
 
 
 @pytest.mark.parametrize(
@@ -352,10 +355,10 @@ def test_missing_files_say_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="not a readable recipe"):
         Recipe.load(tmp_path / "none.yaml")
     with pytest.raises(BadInputError, match="no photos"):
-        Sources.of(Recipe(families={"photo": 1}, photos=tmp_path))
+        Sources.from_recipe(Recipe(families={"photo": 1}, photos=tmp_path))
     with pytest.raises(BadInputError, match="not a simulated run"):
         read_run(tmp_path / "run_00000.npz")
     (tmp_path / "a.png").write_bytes(b"no picture")
     recipe = Recipe(families={"photo": 1}, photos=tmp_path, split=split_of_photo(tmp_path / "a"))
     with pytest.raises(BadInputError, match="not a readable photo"):
-        sample_at(0, recipe, Sources.of(recipe))
+        sample_at(0, recipe, Sources.from_recipe(recipe))

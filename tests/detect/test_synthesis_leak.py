@@ -6,22 +6,28 @@ import cv2
 import numpy as np
 
 from detect.scores import auroc
-from detect.synthesis.camera import MARGIN_PX, Background, Optics, expose, naive_warp
+from detect.synthesis.camera import (
+    MARGIN_PX,
+    Background,
+    CameraOptics,
+    expose_background,
+    naive_warp,
+)
 from detect.synthesis.flows import random_turbulence
 from detect.synthesis.placement import PlumePlacement
 from detect.synthesis.raster import (
     as_background,
     canvas_side,
-    perlin,
-    photo,
-    photos_in,
-    squares,
+    crop_photo,
+    draw_perlin,
+    draw_squares,
+    find_photos,
 )
 from detect.synthesis.scenes import man_made_scene
 from geometry.arrays import FloatMap, GreyImage
 
 SIZE = 96
-PAINTERS = {"squares": squares, "perlin": perlin, "scene": man_made_scene}
+PAINTERS = {"squares": draw_squares, "perlin": draw_perlin, "scene": man_made_scene}
 INSIDE = slice(MARGIN_PX, -MARGIN_PX)
 STILL = np.zeros((SIZE + 2 * MARGIN_PX, SIZE + 2 * MARGIN_PX, 2), np.float32)
 
@@ -33,8 +39,8 @@ def background(family: str, seed: int) -> Background:
 def picture(
     scene: Background, warp: FloatMap, seed: int, shift: tuple[float, float] = (0.0, 0.0)
 ) -> GreyImage:
-    optics = Optics(psf_sigma_px=0.35, noise=0.3)
-    return expose(scene, [warp], np.array(shift), optics, np.random.default_rng(seed))
+    optics = CameraOptics(psf_sigma_px=0.35, noise=0.3)
+    return expose_background(scene, [warp], np.array(shift), optics, np.random.default_rng(seed))
 
 
 def fine_detail(image: GreyImage) -> FloatMap:
@@ -85,7 +91,7 @@ def separation(scenes: list[Background], *, naive: bool) -> float:
     for seed, scene in enumerate(scenes):
         rng = np.random.default_rng([9, seed])
         potential = random_turbulence(rng)
-        place = PlumePlacement.random(
+        place = PlumePlacement.draw_uniform(
             rng, potential, size_px=SIZE, relative_length=2.0, visible=0.2
         )  # fmt: skip
         warp = 0.8 * place.displacement(
@@ -121,9 +127,9 @@ def test_no_statistic_of_blur_tells_where_the_plume_is() -> None:
 
 
 def test_nor_on_photos_whose_own_detail_varies_more(shared_data: Path) -> None:
-    photos = photos_in(shared_data / "3_backgrounds", "train")[::8]
+    photos = find_photos(shared_data / "3_backgrounds", "train")[::8]
     scenes = [
-        as_background(photo(np.random.default_rng(i), canvas_side(SIZE), path))
+        as_background(crop_photo(np.random.default_rng(i), canvas_side(SIZE), path))
         for i, path in enumerate(photos)
     ]
     clean, naive = separation(scenes, naive=False), separation(scenes, naive=True)

@@ -126,7 +126,7 @@ def test_columns_stand_as_often_as_they_should():
     flights = [start | {"name": f"f{number}"} for number in range(600)]
     made = campaign(sites=[site], flights=flights, wind_mps=[0, 0])
     feet = [made.columns_of(number).get("s") for number in range(600)]
-    assert ThermalSite.model_validate(site).probability(13.0) == pytest.approx(0.65)
+    assert ThermalSite.model_validate(site).probability_at(13.0) == pytest.approx(0.65)
     assert np.mean([foot is not None for foot in feet]) == pytest.approx(0.65, abs=0.06)
     assert np.std([foot[0] for foot in feet if foot]) == pytest.approx(2.0, rel=0.15)
     assert campaign(sites=[site], flights=flights[:9]).columns_of(8) == made.columns_of(8)

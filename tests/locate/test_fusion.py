@@ -22,7 +22,8 @@ from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.decide import cap_probability
 from locate.pipeline.map_notes import empty_frames_notes, hidden_note
-from locate.simulation.evidence import (
+from tests.locate.answers import plume as any_plume
+from tests.simulated_evidence import (
     NO_FAULTS,
     ColumnTruth,
     EvidenceFaults,
@@ -30,7 +31,6 @@ from locate.simulation.evidence import (
     orbit_trajectory,
     random_column,
 )
-from tests.locate.answers import plume as any_plume
 
 
 def as_column(truth: ColumnTruth) -> PlumeColumn:

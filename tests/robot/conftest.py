@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from locate.fusion.views import Views
-from locate.simulation.evidence import (
+from tests.simulated_evidence import (
     ColumnTruth,
     EvidenceFaults,
     make_faulty_views,

@@ -10,7 +10,7 @@ from locate.map.plume import Plume
 from locate.messages.poses import NS_PER_S, StampedPose
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
-from locate.simulation.evidence import ColumnTruth
+from tests.simulated_evidence import ColumnTruth
 
 KEPT = 8
 

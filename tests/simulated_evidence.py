@@ -18,7 +18,7 @@ SIGMA_PX = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class EvidenceFaults:
-    """What goes wrong between a true mask and what a detector says."""
+    """What goes wrong between a true mask and the evidence of a detector."""
 
     flipped_pixels: float = 0.10
     missed_views: float = 0.30
@@ -131,7 +131,7 @@ def make_faulty_views(
     rng: np.random.Generator,
     corruption: EvidenceFaults = EvidenceFaults(),
 ) -> Views:
-    """What a detector with these faults would say, and poses with these errors."""
+    """Evidence of a detector with these faults, and poses with these errors."""
     shape = (trajectory.camera.height, trajectory.camera.width)
     maps = []
     displacement = np.zeros((len(trajectory), *shape, 2), np.float32)
