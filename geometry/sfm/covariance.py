@@ -11,6 +11,7 @@ import numpy as np
 import pycolmap
 
 from geometry.arrays import FloatArray, IntArray
+from geometry.sfm.features import THREADS
 
 INFLATION = 3.0
 """Factor on the formal standard deviations; how it was set is at `pose_covariances`."""
@@ -133,6 +134,7 @@ def _gauge_fixed_covariance(
     options.print_summary = False
     options.refine_focal_length = refined_camera
     options.refine_extra_params = refined_camera
+    options.ceres.solver_options.num_threads = THREADS
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)

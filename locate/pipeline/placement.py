@@ -52,7 +52,7 @@ class Placement:
     def describe(self) -> str:
         """What is known, in a few words."""
         if self.alignment is None:
-            return "nothing says where; scale and up as they were"
+            return "no known position; scale and up as reconstructed"
         known = [name for name in ("metric", "gravity", "located") if getattr(self.alignment, name)]
         sources = ", ".join(source.name for source in self.alignment.sources)
         return f"{', '.join(known)} by {sources}"
