@@ -72,7 +72,7 @@ def filmed(
     return stamps_s, path_speeds(stamps_s, path)
 
 
-def one(
+def estimate_one(
     seed: int, sigma_m: float, *, even: bool = False, unrelated: bool = False
 ) -> tuple[float, TimeOffset | None]:
     """The true offset, and the answer if there was one."""
@@ -136,9 +136,9 @@ def main() -> None:
     parser.add_argument("--flights", type=int, default=40)
     seeds = range(FIRST_SEED, FIRST_SEED + parser.parse_args().flights)
     for metres in (0.1, 0.5, 1.0, 2.0):
-        report(f"GPS error {metres} m", (one(seed, metres) for seed in seeds))
-    report("even speed, GPS 0.5 m", (one(seed, 0.5, even=True) for seed in seeds))
-    report("another flight, GPS 0.5 m", (one(seed, 0.5, unrelated=True) for seed in seeds))
+        report(f"GPS error {metres} m", (estimate_one(seed, metres) for seed in seeds))
+    report("even speed, GPS 0.5 m", (estimate_one(seed, 0.5, even=True) for seed in seeds))
+    report("another flight, GPS 0.5 m", (estimate_one(seed, 0.5, unrelated=True) for seed in seeds))
     for degrees in (0.05, 0.3):
         report(f"gimbal turns, noise {degrees} deg", (one_turn(seed, degrees) for seed in seeds))
 

@@ -13,12 +13,12 @@ SHAPE = (40, 60)
 
 
 @pytest.fixture
-def seen() -> rows.Seen:
+def seen() -> rows.AnsweredFrame:
     """A plume on the left half, 0.3 px to the right, and a method that knows it."""
     truth = np.zeros((*SHAPE, 2), np.float32)
     truth[:, :30, 0] = 0.3
     llr = np.where(truth[..., 0] > 0, np.float32(3), np.float32(-1))
-    return rows.Seen(
+    return rows.AnsweredFrame(
         image=np.zeros(SHAPE, np.uint8),
         truth=truth,
         answer=Detection(displacement=truth.copy(), sigma_px=np.ones(SHAPE), llr=llr),
@@ -27,17 +27,17 @@ def seen() -> rows.Seen:
     )
 
 
-def cells(*frames: rows.Seen) -> list[str]:
-    return [cell.strip() for cell in rows.row(frames).split("|")]
+def cells(*frames: rows.AnsweredFrame) -> list[str]:
+    return [cell.strip() for cell in rows.score_row(frames).split("|")]
 
 
-def test_a_perfect_answer(seen: rows.Seen) -> None:
+def test_a_perfect_answer(seen: rows.AnsweredFrame) -> None:
     assert cells(seen, seen) == [
         "2", "0.0000 / 0.1500", "0.000 / 0.300", "1.00", "1.000", "1.00", "1.00", "1.00", "",
     ]  # fmt: skip
 
 
-def test_silence_has_an_error_of_the_plumes_own_size(seen: rows.Seen) -> None:
+def test_silence_has_an_error_of_the_plumes_own_size(seen: rows.AnsweredFrame) -> None:
     nothing = Detection(
         displacement=np.zeros_like(seen.truth), sigma_px=np.ones(SHAPE), llr=np.zeros(SHAPE)
     )
@@ -46,7 +46,7 @@ def test_silence_has_an_error_of_the_plumes_own_size(seen: rows.Seen) -> None:
     ]  # fmt: skip
 
 
-def test_objects_do_not_count_and_their_surroundings_are_told(seen: rows.Seen) -> None:
+def test_objects_do_not_count_and_their_surroundings_are_told(seen: rows.AnsweredFrame) -> None:
     answer = replace(seen.answer, displacement=seen.truth.copy())
     answer.displacement[:10] += 7
     answer.displacement[10:12, :, 1] = 2
@@ -82,9 +82,9 @@ def test_a_potential_stands_on_the_heat_source() -> None:
     assert w[row - 20, middle, 1] > 0 > w[row + 20, middle, 1]
 
 
-def test_an_answer_is_drawn_at_the_scale_of_its_truth(seen: rows.Seen) -> None:
+def test_an_answer_is_drawn_at_the_scale_of_its_truth(seen: rows.AnsweredFrame) -> None:
     side = 40
-    shown = rows.strip(seen.image, seen.truth, seen.truth / 3, 3 * seen.truth, side=side)
+    shown = rows.draw_strip(seen.image, seen.truth, seen.truth / 3, 3 * seen.truth, side=side)
     width = shown.shape[1] // 4
     saturations = [255 - shown[side - 5, k * width + 10].min() for k in (1, 2, 3)]
     assert saturations == [255, pytest.approx(85, abs=2), 255]

@@ -13,8 +13,8 @@ from benchmarks.common.evidence import (
     orbit_trajectory,
     random_column,
 )
-from benchmarks.reliability.answers import Place, axis_of, chance, strongest
-from benchmarks.reliability.outcomes import NOTHING, Judged, Share, Stated, binned
+from benchmarks.reliability.answers import TruePlume, axis_of, draw_null, strongest_column
+from benchmarks.reliability.outcomes import NO_COLUMN, RecordingOutcome, Share, Stated, binned
 from benchmarks.reliability.picture import along, picture, row
 from benchmarks.reliability.recordings import FLOWS, SEEDS, flow_of, scene_of
 from benchmarks.reliability.tables import found_over_limit, log_loss, report
@@ -33,8 +33,8 @@ def stated(off: float, probability: float = 0.9999, nats: float = 60) -> Stated:
 
 
 @pytest.fixture
-def judged() -> Judged:
-    return Judged(
+def judged() -> RecordingOutcome:
+    return RecordingOutcome(
         amplitude_px=0.3,
         strength_px=0.15,
         noise=1.0,
@@ -78,19 +78,19 @@ def test_bins_hold_their_upper_edge() -> None:
     assert np.isnan(bins[3].stated)
 
 
-def test_a_plume_told_as_two_is_true_once(judged: Judged) -> None:
+def test_a_plume_told_as_two_is_true_once(judged: RecordingOutcome) -> None:
     twice = replace(judged, plumes=(stated(NEAR), stated(NEAR / 2), stated(FAR)))
     assert twice.truths == [False, True, False]
     assert twice.found
 
 
-def test_a_plume_elsewhere_is_not_found(judged: Judged) -> None:
+def test_a_plume_elsewhere_is_not_found(judged: RecordingOutcome) -> None:
     elsewhere = replace(judged, plumes=(stated(FAR),), strongest=stated(FAR))
     assert not elsewhere.found
     assert not elsewhere.true(elsewhere.strongest)
 
 
-def test_without_a_plume_nothing_is_true(judged: Judged) -> None:
+def test_without_a_plume_nothing_is_true(judged: RecordingOutcome) -> None:
     empty = replace(judged, amplitude_px=0.0)
     assert empty.truths == [False]
     assert not empty.true(empty.strongest)
@@ -101,7 +101,7 @@ def test_without_a_plume_nothing_is_true(judged: Judged) -> None:
     assert "| 0.01 | 2 of 2 (16 to 100 %) | 1 of 2 (1 to 99 %) |" in report([empty, rare])
 
 
-def test_what_lies_over_the_limit(judged: Judged) -> None:
+def test_what_lies_over_the_limit(judged: RecordingOutcome) -> None:
     weak = replace(judged, strength_px=0.06, plumes=())
     unknown = replace(judged, limit_px=None)
     shares = found_over_limit([judged, weak, unknown, replace(judged, amplitude_px=0.0)])
@@ -110,19 +110,19 @@ def test_what_lies_over_the_limit(judged: Judged) -> None:
     assert "median with a plume: limit 0.100 px, level 40 nats" in report([judged, weak, unknown])
 
 
-def test_quiet_columns_are_told_apart(judged: Judged) -> None:
+def test_quiet_columns_are_told_apart(judged: RecordingOutcome) -> None:
     quiet = replace(judged, strongest=stated(FAR, nats=39))
     last = [line for line in report([judged, quiet]).splitlines() if line.startswith("| 0.999 ")]
     assert [cell.split(" (")[0].strip() for cell in last[0].split("|")[3:5]] == ["1 of 2", "1 of 1"]
 
 
-def test_judgements_are_kept(judged: Judged, tmp_path: Path) -> None:
+def test_judgements_are_kept(judged: RecordingOutcome, tmp_path: Path) -> None:
     for one in (judged, replace(judged, limit_px=None, strongest=stated(np.inf))):
         one.save(tmp_path / "1.json")
-        assert Judged.load(tmp_path / "1.json") == one
+        assert RecordingOutcome.load(tmp_path / "1.json") == one
 
 
-def test_picture_shows_the_share_where_it_is(judged: Judged) -> None:
+def test_picture_shows_the_share_where_it_is(judged: RecordingOutcome) -> None:
     every = [judged, replace(judged, strongest=stated(FAR), plumes=())]
     image = picture(every)
     half = image[row(0.5), :400]
@@ -161,21 +161,21 @@ def leak_at(source: FloatArray, height_m: float) -> PlumeSpec:
 
 
 def test_the_strongest_column_stands_at_the_plume(views: Views, truth: ColumnTruth) -> None:
-    there = Place.of(leak_at(truth.source, truth.height), views.trajectory)
+    there = TruePlume.of(leak_at(truth.source, truth.height), views.trajectory)
     assert there.range_m == pytest.approx(8.5, abs=1)
-    null = chance(views)
-    column = strongest(views, null, there)
+    null = draw_null(views)
+    column = strongest_column(views, null, there)
     assert column.near
     assert column.probability > 0.99
     beside = replace(there, column=there.column.shifted(np.array([1.0, 0.0])))
-    assert 3 * column.off < strongest(views, null, beside).off
+    assert 3 * column.off < strongest_column(views, null, beside).off
 
 
 def test_silence_is_no_column(views: Views, truth: ColumnTruth) -> None:
     silent = replace(views, llr=np.zeros_like(views.llr))
-    place = Place.of(leak_at(truth.source, truth.height), views.trajectory)
+    place = TruePlume.of(leak_at(truth.source, truth.height), views.trajectory)
     null = NullLevel.from_draws([0.0, 1.0])
-    assert strongest(silent, null, place) == NOTHING
+    assert strongest_column(silent, null, place) == NO_COLUMN
 
 
 def test_a_plume_of_the_map_is_held_against_the_truth() -> None:
@@ -190,8 +190,8 @@ def test_a_plume_of_the_map_is_held_against_the_truth() -> None:
     column = axis_of(plume)
     top = plume.source + plume.extent_high * plume.axis
     assert column.axis_points(np.array([column.height]))[0] == pytest.approx(top)
-    there = Place.of(leak_at(plume.source, 3.0), views)
-    beside = Place.of(leak_at(plume.source - [0.5, 0, 0], 3.0), views)
+    there = TruePlume.of(leak_at(plume.source, 3.0), views)
+    beside = TruePlume.of(leak_at(plume.source - [0.5, 0, 0], 3.0), views)
     assert there.off(column) == pytest.approx(0, abs=1e-9)
     assert beside.off(column) == pytest.approx(0.5 / beside.range_m)
     assert there.stated(plume).probability == plume.probability

@@ -78,7 +78,7 @@ def test_blur_is_learnt_from_warped_photos_alone(
         score, said = (np.array(each) for each in zip(*maps, strict=True))
         sizes = np.array([np.linalg.norm(s.displacement, axis=-1) for s in samples])
         everything = {"all": np.ones(len(samples), dtype=bool)}
-        strong[way] = float(table.judged(score, said, sizes, everything)[1])
+        strong[way] = float(table.score_answers(score, said, sizes, everything)[1])
     assert strong["bilinear"] > 0.8
     assert 0.35 < strong["camera"] < 0.65
 

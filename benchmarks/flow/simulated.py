@@ -61,7 +61,7 @@ def background(kind: str, rng: np.random.Generator) -> Background:
     return as_background(picture(rng, canvas_side(SIZE_PX)))
 
 
-def photograph(
+def expose_pair(
     scene: Background, w: FloatMap, noise: float, rng: np.random.Generator
 ) -> tuple[GreyImage, GreyImage]:
     """The reference and the frame."""
@@ -74,7 +74,9 @@ def photograph(
     )
 
 
-def pairs(kind: str, count: int, noise: float, runs: Sequence[Path], seed: int) -> Iterator[Pair]:
+def simulate_pairs(
+    kind: str, count: int, noise: float, runs: Sequence[Path], seed: int
+) -> Iterator[Pair]:
     inside = slice(MARGIN_PX, -MARGIN_PX)
     for peak_px in PEAKS_PX:
         rng = np.random.default_rng(seed)  # the same plumes at every peak
@@ -90,11 +92,11 @@ def pairs(kind: str, count: int, noise: float, runs: Sequence[Path], seed: int) 
             w = np.float32(peak_px) * place.displacement(
                 potential, size_px=SIZE_PX, margin_px=MARGIN_PX, drift_px=np.zeros(2)
             )
-            reference, image = photograph(background(kind, rng), w, noise, rng)
+            reference, image = expose_pair(background(kind, rng), w, noise, rng)
             yield Pair(reference=reference, image=image, truth=w[inside, inside], peak_px=peak_px)
 
 
-def row(flow: Flow, simulated: Sequence[Pair]) -> str:
+def score_row(flow: Flow, simulated: Sequence[Pair]) -> str:
     errors, zeros, projections, squares_, noise = [], [], [], [], []
     scores: dict[float, list[tuple[np.ndarray, np.ndarray]]] = {peak: [] for peak in PEAKS_PX}
     for pair in simulated:
@@ -115,11 +117,11 @@ def row(flow: Flow, simulated: Sequence[Pair]) -> str:
     return (
         f"{np.concatenate(errors).mean():.3f} / {np.concatenate(zeros).mean():.3f} | "
         f"{sum(projections) / sum(squares_):.2f} | {np.sqrt(np.mean(noise)):.3f} | "
-        f"{' / '.join(f'{area:.2f}'.lstrip('0') for area in areas)} | {smallest(areas)}"
+        f"{' / '.join(f'{area:.2f}'.lstrip('0') for area in areas)} | {smallest_found(areas)}"
     )
 
 
-def smallest(areas: Sequence[float]) -> str:
+def smallest_found(areas: Sequence[float]) -> str:
     answer = "none"
     for peak, area in zip(reversed(PEAKS_PX), reversed(areas), strict=True):
         if area <= FOUND:
@@ -128,11 +130,11 @@ def smallest(areas: Sequence[float]) -> str:
     return answer
 
 
-def milliseconds(flow: Flow) -> float:
+def cpu_milliseconds(flow: Flow) -> float:
     """CPU time for a pair of 640 x 480, one thread."""
     rng = np.random.default_rng(0)
     w = np.zeros((TIMED_SHAPE[0] + 2 * MARGIN_PX, TIMED_SHAPE[1] + 2 * MARGIN_PX, 2), np.float32)
-    reference, image = photograph(sinusoid, w, 1.0, rng)
+    reference, image = expose_pair(sinusoid, w, 1.0, rng)
     flow(reference, image)
     start = time.process_time()
     for _ in range(3):
@@ -140,7 +142,7 @@ def milliseconds(flow: Flow) -> float:
     return (time.process_time() - start) / 3 * 1000
 
 
-def cost_of(kind: str, *, light: float, turn_px: float, count: int, noise: float) -> float:
+def false_flow(kind: str, *, light: float, turn_px: float, count: int, noise: float) -> float:
     """Mean false flow, px, of light changed by a factor and of a turn, px at the frame's edge."""
     rng, flow = np.random.default_rng(0), flow_method("horn-schunck")
     side = SIZE_PX + 2 * MARGIN_PX
@@ -148,7 +150,7 @@ def cost_of(kind: str, *, light: float, turn_px: float, count: int, noise: float
     false = []
     for _ in range(count):
         turned = np.stack([-y, x], axis=-1).astype(np.float32)
-        reference, image = photograph(background(kind, rng), turned, noise, rng)
+        reference, image = expose_pair(background(kind, rng), turned, noise, rng)
         lit = np.rint(light * image).clip(0, 255).astype(np.uint8)
         found, _ = unbiased_flow(flow, reference, lit, texture_of(reference))
         false.append(np.linalg.norm(found, axis=-1).mean())
@@ -162,7 +164,8 @@ def print_costs(count: int, noise: float) -> None:
     faults += [(f"camera turned, {turn:g} px at the edge", 1.0, turn) for turn in TURNS_PX]
     for name, light, turn_px in faults:
         costs = [
-            cost_of(kind, light=light, turn_px=turn_px, count=count, noise=noise) for kind in KINDS
+            false_flow(kind, light=light, turn_px=turn_px, count=count, noise=noise)
+            for kind in KINDS
         ]
         print(f"| {name} | {' | '.join(f'{cost:.3f}' for cost in costs)} |", flush=True)
 
@@ -178,7 +181,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> None:
     runs = runs_in(options.flows, "test") if options.flows else ()
     simulated = {
-        kind: list(pairs(kind, options.pairs, options.noise, runs, options.seed)) for kind in KINDS
+        kind: list(simulate_pairs(kind, options.pairs, options.noise, runs, options.seed))
+        for kind in KINDS
     }
     peaks = " / ".join(f"{peak:g}" for peak in PEAKS_PX)
     print(f"noise {options.noise:g} of 255, {options.pairs} pairs of {SIZE_PX} px for each peak\n")
@@ -187,7 +191,10 @@ def main(options: argparse.Namespace) -> None:
     print("|---|---|---|---|---|---|---|---|")
     for name in [*METHODS, *map(str, options.onnx)]:
         flow = flow_method(name)
-        spent = milliseconds(flow)
+        spent = cpu_milliseconds(flow)
         for kind, group in simulated.items():
-            print(f"| {Path(name).name} | {kind} | {row(flow, group)} | {spent:.0f} |", flush=True)
+            print(
+                f"| {Path(name).name} | {kind} | {score_row(flow, group)} | {spent:.0f} |",
+                flush=True,
+            )
     print_costs(options.pairs, options.noise)

@@ -33,7 +33,7 @@ def load_views(run: Path) -> Views:
     return Views.from_detections(detections, trajectory.take(rows))
 
 
-def sampled(views: Views, points: FloatArray) -> tuple[FloatMap, FloatMap]:
+def sample_views(views: Views, points: FloatArray) -> tuple[FloatMap, FloatMap]:
     """(V, N) evidence and lever of each point in each view; NaN where it is not in sight."""
     height, width = views.llr.shape[1:]
     llr = np.full((len(views), len(points)), np.nan, np.float32)
@@ -50,7 +50,7 @@ def sampled(views: Views, points: FloatArray) -> tuple[FloatMap, FloatMap]:
     return llr, levers
 
 
-def correlations(llr: FloatMap) -> FloatArray:
+def measure_correlations(llr: FloatMap) -> FloatArray:
     """Of views 1, 2, ... apart, up to half of them; 0 where too few points tell."""
     clipped = np.minimum(llr, np.nanpercentile(llr, 100 - PLUME_PERCENT))
     centred = clipped - np.nanmean(clipped)
@@ -76,10 +76,10 @@ def main(options: argparse.Namespace) -> None:
         box = views.volume()
         size = np.array(box.shape[::-1]) * box.voxel
         points = box.low_in_world + np.random.default_rng(0).uniform(size=(POINTS, 3)) * size
-        llr, levers = sampled(views, points)
+        llr, levers = sample_views(views, points)
         for name, (low, high) in BANDS.items():
             r = np.maximum(
-                correlations(np.where((levers >= low) & (levers < high), llr, np.nan)), 0
+                measure_correlations(np.where((levers >= low) & (levers < high), llr, np.nan)), 0
             )
             steps = 1 - np.arange(1, len(r) + 1) / len(views)
             count = len(views) / (1 + 2 * float(steps @ r))

@@ -29,7 +29,7 @@ from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views, correlation_area
 
 
-def draw(
+def fuse_draw(
     seed: int, arc_deg: float, count: int, null: NullLevel
 ) -> tuple[float, float, float, float, float, int] | None:
     """Of one plume, or None where it was missed.
@@ -38,7 +38,7 @@ def draw(
         Error in m, NEES in all, in the horizontal and in the height, axis error in degrees, number
         of false plumes.
     """
-    truth, views = drawn_views(seed, arc_deg, count)
+    truth, views = draw_views(seed, arc_deg, count)
     plumes = fuse(views, null=null).plumes
     errors = [p.source - truth.source for p in plumes]
     if not errors or min(np.linalg.norm(e) for e in errors) > 0.15 * RANGE_M:
@@ -53,13 +53,13 @@ def draw(
     return float(np.linalg.norm(error)), nees[0], nees[1], nees[2], float(axis), len(plumes) - 1
 
 
-def drawn_views(seed: int, arc_deg: float, count: int) -> tuple[ColumnTruth, Views]:
+def draw_views(seed: int, arc_deg: float, count: int) -> tuple[ColumnTruth, Views]:
     rng = np.random.default_rng(seed)
     truth = random_column(rng)
     return truth, make_faulty_views(truth, orbit_trajectory(count, arc_deg), rng)
 
 
-def told_apart(seed: int, arc_deg: float, count: int, gap_m: float) -> bool:
+def resolves_pair(seed: int, arc_deg: float, count: int, gap_m: float) -> bool:
     """Whether two like plumes are found, each nearer to its own source than to the middle."""
     rng = np.random.default_rng(seed)
     first = random_column(rng)
@@ -86,7 +86,7 @@ def told_apart(seed: int, arc_deg: float, count: int, gap_m: float) -> bool:
 
 
 def null_of(seed: int, arc_deg: float, count: int) -> NullLevel:
-    _, views = drawn_views(seed, arc_deg, count)
+    _, views = draw_views(seed, arc_deg, count)
     rng = np.random.default_rng(seed)
     return NullLevel.from_views(views, views.volume(), rng, progress=lambda _share: None)
 
@@ -105,7 +105,7 @@ def main(options: argparse.Namespace) -> None:
     seeds = range(options.first, options.first + options.draws)
     if options.gaps:
         for gap_m in options.gaps:
-            apart = [told_apart(seed, options.arc[0], options.views, gap_m) for seed in seeds]
+            apart = [resolves_pair(seed, options.arc[0], options.views, gap_m) for seed in seeds]
             print(f"gap {gap_m:g} m: told apart in {sum(apart)} of {len(apart)}", flush=True)
         return
     print(
@@ -114,7 +114,7 @@ def main(options: argparse.Namespace) -> None:
     )
     for arc in options.arc:
         null = null_of(options.first, arc, options.views)
-        drawn = [draw(seed, arc, options.views, null) for seed in seeds]
+        drawn = [fuse_draw(seed, arc, options.views, null) for seed in seeds]
         found = np.array([result for result in drawn if result is not None])
         if not len(found):
             print(f"{arc:7.0f} |   0/{len(drawn)}", flush=True)

@@ -8,7 +8,7 @@ import argparse
 
 import numpy as np
 
-from benchmarks.georeference.flights import arc, strips, survey, tangent_between
+from benchmarks.georeference.flights import arc, simulate_flight, strips, tangent_between
 from geometry.errors import BadInputError
 from geometry.georeference import fit_similarity
 
@@ -36,7 +36,9 @@ def main(options: argparse.Namespace) -> None:
                 errors, refused = [], 0
                 for seed in range(options.draws):
                     rng = np.random.default_rng([99, seed])
-                    flight = survey(path, rng, outliers=outliers, correlation_s=correlation_s)
+                    flight = simulate_flight(
+                        path, rng, outliers=outliers, correlation_s=correlation_s
+                    )
                     ups = [flight.gravity(rng, UP_SIGMA_RAD)] if known_up else []
                     try:
                         fitted = fit_similarity([flight.fixes, *ups])

@@ -28,7 +28,7 @@ def arc(n: int, degrees: float = 150.0) -> FloatArray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Survey:
+class SimulatedFlight:
     """A flight in a scene frame of its own, and what the receiver said."""
 
     scene_from_enu: Similarity
@@ -44,14 +44,14 @@ class Survey:
         return UpConstraint(name="gimbal", up_in_source=up, sigma_rad=sigma_rad)
 
 
-def survey(
+def simulate_flight(
     path: FloatArray,
     rng: np.random.Generator,
     *,
     outliers: float = 0.0,
     correlation_s: float = 0.0,
     sigmas_m: FloatArray = SIGMAS_M,
-) -> Survey:
+) -> SimulatedFlight:
     """Fixes a second apart; outliers lie up to 30 m off along each axis."""
     n = len(path)
     scene_from_enu = Similarity(
@@ -67,7 +67,7 @@ def survey(
     fixes = path + errors * sigmas_m
     wrong = rng.uniform(size=n) < outliers
     fixes[wrong] += rng.uniform(-30, 30, size=(int(wrong.sum()), 3))
-    return Survey(
+    return SimulatedFlight(
         scene_from_enu=scene_from_enu,
         fixes=PositionConstraint(
             name="GPS",

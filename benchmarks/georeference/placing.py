@@ -46,13 +46,13 @@ def main(options: argparse.Namespace) -> None:
             truth = SceneTruth.load(options.campaign / "truth" / flight.name).trajectory
             for name, receiver in RECEIVERS.items():
                 errors = [
-                    error_of(campaign, run, truth, receiver, np.random.default_rng([77, draw]))
+                    measure_error(campaign, run, truth, receiver, np.random.default_rng([77, draw]))
                     for draw in range(options.draws)
                 ]
-                report(f"{flight.name} ({flight.path.kind}) | {name}", errors)
+                print_row(f"{flight.name} ({flight.path.kind}) | {name}", errors)
 
 
-def report(title: str, errors: list[tuple[float, float, float] | None]) -> None:
+def print_row(title: str, errors: list[tuple[float, float, float] | None]) -> None:
     known = np.array([error for error in errors if error is not None])
     scale, tilt, _ = np.median(known, axis=0)
     within = np.mean((known[:, 0] < 0.5) & (known[:, 1] < 0.5))
@@ -63,7 +63,7 @@ def report(title: str, errors: list[tuple[float, float, float] | None]) -> None:
     )
 
 
-def error_of(
+def measure_error(
     campaign: Campaign,
     run: Path,
     truth: Trajectory,

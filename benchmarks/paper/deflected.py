@@ -10,8 +10,15 @@ import argparse
 import cv2
 import numpy as np
 
-from benchmarks.paper.plate import BASE_PX, BESIDE_PX, SETUPS, SIZE_PX, filmed
-from benchmarks.paper.rows import HEADER, Seen, add_detector_arguments, row, strip, write_picture
+from benchmarks.paper.plate import BASE_PX, BESIDE_PX, SETUPS, SIZE_PX, film_setup
+from benchmarks.paper.rows import (
+    HEADER,
+    AnsweredFrame,
+    add_detector_arguments,
+    draw_strip,
+    score_row,
+    write_picture,
+)
 from detect.bos import BosDetector
 from detect.detection import Frames
 from detect.dybs import DybsDetector
@@ -21,8 +28,8 @@ def deflected(detector: DybsDetector) -> list[np.ndarray]:
     print(HEADER.format(what="flow | method").replace("|---", "|---|---", 1))
     strips = []
     for setup in SETUPS:
-        told: dict[str, list[Seen]] = {"two frames": [], "dybs": []}
-        for reference, image, truth, covered in filmed(setup):
+        told: dict[str, list[AnsweredFrame]] = {"two frames": [], "dybs": []}
+        for reference, image, truth, covered in film_setup(setup):
             frames = Frames(images=[image])
             held = covered.astype(np.uint8)
             held[SIZE_PX - BASE_PX :] = 0
@@ -33,13 +40,15 @@ def deflected(detector: DybsDetector) -> list[np.ndarray]:
             ):
                 answer = method.detect(frames, 0)
                 told[name].append(
-                    Seen(image=image, truth=truth, answer=answer, counts=~covered, beside=near)
+                    AnsweredFrame(
+                        image=image, truth=truth, answer=answer, counts=~covered, beside=near
+                    )
                 )
         for name, frames_seen in told.items():
-            print(f"| {setup.name} | {name} | {row(frames_seen)} |", flush=True)
+            print(f"| {setup.name} | {name} | {score_row(frames_seen)} |", flush=True)
         last = {name: seen[-1] for name, seen in told.items()}
         answers = [last[name].answer.displacement for name in ("dybs", "two frames")]
-        strips.append(strip(last["dybs"].image, last["dybs"].truth, *answers, side=240))
+        strips.append(draw_strip(last["dybs"].image, last["dybs"].truth, *answers, side=240))
     return strips
 
 

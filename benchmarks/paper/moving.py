@@ -11,7 +11,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.paper.plate import NOISE
-from benchmarks.paper.rows import HEADER, Seen, add_detector_arguments, row, strip, write_picture
+from benchmarks.paper.rows import (
+    HEADER,
+    AnsweredFrame,
+    add_detector_arguments,
+    draw_strip,
+    score_row,
+    write_picture,
+)
 from detect.detection import Frames
 from detect.dybs import DybsDetector
 from geometry.arrays import FloatMap, GreyImage
@@ -54,7 +61,7 @@ def wall_scene(material: str, amplitude_px: float, *, start_deg: float = -100) -
     )  # fmt: skip
 
 
-def scenes() -> dict[str, tuple[Scene, Shutter]]:
+def moving_scenes() -> dict[str, tuple[Scene, Shutter]]:
     plant = random_scene(5_000_031, plume=True, amplitude_px=0.6, noise=NOISE, frames=VIEWS)
     return {
         "waves, 0.6 px": (wall_scene("waves", 0.6), INSTANT),
@@ -66,7 +73,7 @@ def scenes() -> dict[str, tuple[Scene, Shutter]]:
     }
 
 
-def rendered(scene: Scene, shutter: Shutter) -> Iterator[tuple[GreyImage, FloatMap]]:
+def render_scene(scene: Scene, shutter: Shutter) -> Iterator[tuple[GreyImage, FloatMap]]:
     trajectory = simulate_trajectory(scene)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
     renderer = Renderer(scene, StaticSurfaces(scene), fields, trajectory, shutter)
@@ -78,16 +85,20 @@ def rendered(scene: Scene, shutter: Shutter) -> Iterator[tuple[GreyImage, FloatM
 def moving(detector: DybsDetector) -> list[np.ndarray]:
     print(HEADER.format(what="scene"))
     strips = []
-    for name, (scene, shutter) in scenes().items():
+    for name, (scene, shutter) in moving_scenes().items():
         seen = []
-        for image, truth in rendered(scene, shutter):
+        for image, truth in render_scene(scene, shutter):
             everywhere = np.ones(image.shape, dtype=bool)
             answer = detector.detect(Frames(images=[image]), 0)
             seen.append(
-                Seen(image=image, truth=truth, answer=answer, counts=everywhere, beside=~everywhere)
+                AnsweredFrame(
+                    image=image, truth=truth, answer=answer, counts=everywhere, beside=~everywhere
+                )
             )
-        print(f"| {name} | {row(seen)} |", flush=True)
-        strips.append(strip(seen[1].image, seen[1].truth, seen[1].answer.displacement, side=200))
+        print(f"| {name} | {score_row(seen)} |", flush=True)
+        strips.append(
+            draw_strip(seen[1].image, seen[1].truth, seen[1].answer.displacement, side=200)
+        )
     return strips
 
 

@@ -132,7 +132,7 @@ def with_objects(covered: Covered, shake_px: FloatArray) -> Background:
     return radiance
 
 
-def filmed(setup: Setup) -> Iterator[tuple[GreyImage, GreyImage, FloatMap, BoolArray]]:
+def film_setup(setup: Setup) -> Iterator[tuple[GreyImage, GreyImage, FloatMap, BoolArray]]:
     """Reference, frame, truth, and what objects cover in either."""
     rng = np.random.default_rng(5)
     grid = np.meshgrid(np.arange(SIZE_PX), np.arange(SIZE_PX))

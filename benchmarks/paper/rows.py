@@ -21,7 +21,7 @@ HEADER = ("| {what} | frames | magnitude error at mean, px | EPE / of zero, px |
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class AnsweredFrame:
     """One frame, what is true of it, and what one method says; (H, W) each."""
 
     image: GreyImage
@@ -31,7 +31,7 @@ class Seen:
     beside: BoolArray
 
 
-def row(frames: Sequence[Seen]) -> str:
+def score_row(frames: Sequence[AnsweredFrame]) -> str:
     counts = np.stack([seen.counts for seen in frames])
     beside = np.stack([seen.beside for seen in frames])
     truth = np.stack([seen.truth for seen in frames])
@@ -58,7 +58,7 @@ def row(frames: Sequence[Seen]) -> str:
     return f"{len(frames)} | " + " | ".join(cells)
 
 
-def strip(image: GreyImage, *fields: FloatMap, side: int) -> np.ndarray:
+def draw_strip(image: GreyImage, *fields: FloatMap, side: int) -> np.ndarray:
     """The image and displacements beside each other; all share the scale of the first field."""
     scale = float(np.linalg.norm(fields[0], axis=-1).max())
     panels = [cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)]

@@ -9,7 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.paper.rows import HEADER, Seen, add_detector_arguments, row, strip, write_picture
+from benchmarks.paper.rows import (
+    HEADER,
+    AnsweredFrame,
+    add_detector_arguments,
+    draw_strip,
+    score_row,
+    write_picture,
+)
 from detect.detection import Frames
 from detect.dybs import DybsDetector
 from detect.synthesis import FAMILIES, shards_in
@@ -19,14 +26,14 @@ RANKS = (0.7, 0.9)
 
 def unseen(detector: DybsDetector, options: argparse.Namespace) -> list[np.ndarray]:
     """Samples of the test split with a plume, by background."""
-    groups: dict[str, list[Seen]] = {}
+    groups: dict[str, list[AnsweredFrame]] = {}
     for shard in shards_in(options.samples):
         for i in range(0, len(shard), options.every):
             sample = shard.sample_at(i)
             if not sample.displacement.any():
                 continue
             everywhere = np.ones(sample.image.shape, dtype=bool)
-            seen = Seen(
+            seen = AnsweredFrame(
                 image=sample.image,
                 truth=sample.displacement,
                 answer=detector.detect(Frames(images=[sample.image]), 0),
@@ -36,17 +43,17 @@ def unseen(detector: DybsDetector, options: argparse.Namespace) -> list[np.ndarr
             groups.setdefault(sample.family, []).append(seen)
     print(HEADER.format(what="background"))
     for family in FAMILIES:
-        print(f"| {family} | {row(groups[family])} |", flush=True)
+        print(f"| {family} | {score_row(groups[family])} |", flush=True)
     return [
         np.hstack([
-            strip(seen.image, seen.truth, seen.answer.displacement, side=180)
-            for seen in ranked(groups[family], RANKS)
+            draw_strip(seen.image, seen.truth, seen.answer.displacement, side=180)
+            for seen in choose_ranks(groups[family], RANKS)
         ])
         for family in ("sinusoid", "checkerboard", "photo")
     ]  # fmt: skip
 
 
-def ranked(group: Sequence[Seen], shares: Sequence[float]) -> list[Seen]:
+def choose_ranks(group: Sequence[AnsweredFrame], shares: Sequence[float]) -> list[AnsweredFrame]:
     """Frames by the rank of their mean displacement, 0 the weakest, 1 the strongest."""
     ordered = sorted(group, key=lambda seen: float(np.abs(seen.truth).mean()))
     return [ordered[round(share * (len(ordered) - 1))] for share in shares]

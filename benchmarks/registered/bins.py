@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.registered.tally import Tally
+from benchmarks.registered.tally import ClipTally
 from detect.evidence import LLR_MAX, LLR_MIN
 from detect.registered.evidence_network import CLASS_NAMES
 
@@ -16,7 +16,7 @@ NEAR = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bin:
+class EvidenceBin:
     """Nats; `scatter` is a standard deviation of `observed`."""
 
     observed: float
@@ -31,7 +31,9 @@ class Bin:
         return abs(self.observed - self.stated)
 
 
-def reliability(llr: np.ndarray, positive: np.ndarray, recording: np.ndarray) -> list[Bin | None]:
+def measure_reliability(
+    llr: np.ndarray, positive: np.ndarray, recording: np.ndarray
+) -> list[EvidenceBin | None]:
     """Of each of `BINS`; the bounds are bins of their own."""
     edges = [*(BINS[:-1] + 1e-3), LLR_MAX - 1e-3]
     silent = len(edges) + 1
@@ -42,27 +44,27 @@ def reliability(llr: np.ndarray, positive: np.ndarray, recording: np.ndarray) ->
     counts = np.zeros((2, len(ids), silent + 1))
     np.add.at(counts, (positive.astype(int), row, which), 1)
     again = np.random.default_rng(0).multinomial(len(ids), np.ones(len(ids)) / len(ids), DRAWN)
-    told, scatter = observed(counts.sum(axis=1)), observed(again @ counts).std(axis=0)
+    told, scatter = observed_nats(counts.sum(axis=1)), observed_nats(again @ counts).std(axis=0)
     fewest = counts.sum(axis=1).min(axis=0)
     return [
-        Bin(observed=told[k], scatter=scatter[k], stated=llr[which == k].mean())
+        EvidenceBin(observed=told[k], scatter=scatter[k], stated=llr[which == k].mean())
         if fewest[k] >= FEWEST
         else None
         for k in range(silent)
     ]
 
 
-def observed(counts: np.ndarray) -> np.ndarray:
+def observed_nats(counts: np.ndarray) -> np.ndarray:
     """(..., B) nats, of (2, ..., B) pixels of either kind; half a pixel more, so none is empty."""
     misses, hits = np.log((counts + 0.5) / counts.sum(axis=-1, keepdims=True))
     return np.asarray(hits - misses)
 
 
-def cells(bins: Sequence[Bin | None]) -> str:
+def bin_cells(bins: Sequence[EvidenceBin | None]) -> str:
     return " | ".join(str(one or "") for one in bins)
 
 
-def print_reliability(tallies: dict[str, Tally]) -> None:
+def print_reliability(tallies: dict[str, ClipTally]) -> None:
     columns = {
         name: np.concatenate([tally[name] for tally in tallies.values()])
         for name in ("learned", "positive", "place", "recording")
@@ -71,15 +73,17 @@ def print_reliability(tallies: dict[str, Tally]) -> None:
     print("|" + "---|" * (len(BINS) + 2))
     rows = {"all": columns["positive"] | True}
     rows |= {name: columns["place"] == k for k, name in enumerate(CLASS_NAMES)}
-    judged: list[Bin] = []
+    judged: list[EvidenceBin] = []
     for name, members in rows.items():
-        bins = reliability(*(columns[n][members] for n in ("learned", "positive", "recording")))
-        print(f"| {name}, {members.mean():.2f} of pixels | {cells(bins)} |")
+        bins = measure_reliability(
+            *(columns[n][members] for n in ("learned", "positive", "recording"))
+        )
+        print(f"| {name}, {members.mean():.2f} of pixels | {bin_cells(bins)} |")
         judged += [one for one in bins if one and name != "all"]
     for name, tally in tallies.items():
         if tally["positive"].any():
-            bins = reliability(tally["learned"], tally["positive"], tally["recording"])
-            print(f"| {name} | {cells(bins)} |")
+            bins = measure_reliability(tally["learned"], tally["positive"], tally["recording"])
+            print(f"| {name} | {bin_cells(bins)} |")
     for low, high in ((LLR_MIN, 0.5), (0.5, LLR_MAX)):
         some = [one for one in judged if low + 1e-3 < one.stated < high - 1e-3]
         near = sum(one.gap <= NEAR for one in some)

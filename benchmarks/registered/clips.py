@@ -5,7 +5,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from benchmarks.registered.bins import print_reliability
-from benchmarks.registered.tally import Tally
+from benchmarks.registered.tally import ClipTally
 from detect.learning.clips import KINDS, TrainingClip, clip_seed
 from detect.learning.registered_calibration import chosen
 from detect.registered.evidence_network import EvidenceNetwork
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     network = EvidenceNetwork(options.network)
-    tallies: defaultdict[str, Tally] = defaultdict(lambda: Tally(network))
+    tallies: defaultdict[str, ClipTally] = defaultdict(lambda: ClipTally(network))
     for path in chosen(options.lessons, options.seeds):
         clip = TrainingClip.load(path)
         tallies[KINDS[clip.kind]].add(clip, clip_seed(path))

@@ -69,7 +69,7 @@ def detections(frames: Frames, count: int) -> Iterator[tuple[int, Detection, flo
         yield int(index), detector.detect(frames, int(index)), time.process_time() - start
 
 
-def row(folder: Path, frames: Frames, count: int) -> str:
+def score_row(folder: Path, frames: Frames, count: int) -> str:
     llrs, sizes, labels, errors, silence, false, seconds = [], [], [], [], [], [], []
     for index, detection, spent in detections(frames, count):
         truth = PixelTruth.load(folder, index)
@@ -105,5 +105,5 @@ def main(options: argparse.Namespace) -> None:
     for folder in options.simulations:
         frames = load(folder)
         for error_deg in options.pose_errors:
-            scores = row(folder, with_pose_error(frames, error_deg), options.frames)
+            scores = score_row(folder, with_pose_error(frames, error_deg), options.frames)
             print(f"{folder.name}, {error_deg:.2f} deg: {scores}", flush=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.scenes.limit import recorded
+from benchmarks.scenes.limit import load_posed_frames
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.evidence_network import EvidenceNetwork
 from detect.registered.features import FEATURES, stack_features
@@ -17,7 +17,7 @@ from locate.pipeline.points import load_points
 KEY_FRAMES = 16
 
 
-def cost(name: str, work: Callable[[], object], times: int) -> None:
+def print_cost(name: str, work: Callable[[], object], times: int) -> None:
     spent = []
     for _ in range(times):
         start = time.process_time()
@@ -34,11 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> None:
     network = EvidenceNetwork(options.network)
     inputs = np.random.default_rng(0).normal(size=(len(FEATURES), 480, 640)).astype(np.float32)
-    cost("network at 640 x 480", lambda: network.network(inputs), 20)
-    cost("with what is made of it", lambda: network.evaluate(inputs), 20)
+    print_cost("network at 640 x 480", lambda: network.network(inputs), 20)
+    print_cost("with what is made of it", lambda: network.evaluate(inputs), 20)
     if options.run is None:
         return
-    frames = recorded(options.run, options.run / "frames").frames()
+    frames = load_posed_frames(options.run, options.run / "frames").frames()
     points = load_points(options.run / "points.npz")
     detector = RegisteredDetector(points_in_world=points, weights=options.network)
     rows = iter([*spread_rows(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)
@@ -48,5 +48,5 @@ def main(options: argparse.Namespace) -> None:
         assert found is not None
         stack_features(found[0], displacement_sigma(found[0]))
 
-    cost("a key frame's measurement and features", measured, KEY_FRAMES)
-    cost("a key frame in all", lambda: detector.detect(frames, next(rows)), KEY_FRAMES)
+    print_cost("a key frame's measurement and features", measured, KEY_FRAMES)
+    print_cost("a key frame in all", lambda: detector.detect(frames, next(rows)), KEY_FRAMES)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from benchmarks.registered.bins import print_reliability
 from benchmarks.registered.render import CONDITIONS, name_of
-from benchmarks.registered.tally import Tally
+from benchmarks.registered.tally import ClipTally
 from detect.learning.clips import TrainingClip, clip_seed, list_clips
 from detect.registered.evidence_network import EvidenceNetwork
 
@@ -21,7 +21,7 @@ def main(options: argparse.Namespace) -> None:
           "| outside |\n|" + "---|" * 7)  # fmt: skip
     tallies = {}
     for amplitude_px, noise in CONDITIONS:
-        tally = Tally(network)
+        tally = ClipTally(network)
         for path in list_clips(options.folder / name_of(amplitude_px, noise)):
             tally.add(TrainingClip.load(path), clip_seed(path))
         tallies[f"{amplitude_px:.1f} px, {noise:.0f}/255"] = tally

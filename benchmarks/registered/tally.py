@@ -29,7 +29,7 @@ def by_hand(read: Read) -> tuple[FloatMap, FloatMap]:
     return llr, displacement
 
 
-class Tally:
+class ClipTally:
     """Thinned pixels of many frames, by contender."""
 
     def __init__(self, network: EvidenceNetwork) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.common.filmed import Recorded, labels
-from benchmarks.reliability.outcomes import NOTHING, Judged, Stated
+from benchmarks.reliability.outcomes import NO_COLUMN, RecordingOutcome, Stated
 from detect.registered import RegisteredDetector
 from detect.registry import DetectorChoice
 from geometry.trajectory import Trajectory
@@ -23,7 +23,9 @@ from locate.pipeline.decide import cap_probability
 from locate.simulation import scene as simulated
 
 
-def judge(sequence: Recorded, leak: simulated.PlumeSpec, detector: RegisteredDetector) -> Judged:
+def evaluate_recording(
+    sequence: Recorded, leak: simulated.PlumeSpec, detector: RegisteredDetector
+) -> RecordingOutcome:
     """What a run would state of a recording, and `leak` that stands there or would have stood."""
     units = sequence.inverse_depth_units.tolist()
     detections = [
@@ -33,12 +35,12 @@ def judge(sequence: Recorded, leak: simulated.PlumeSpec, detector: RegisteredDet
     choice = DetectorChoice.parse(detector.name)
     floor_nats = choice.clutter_nats * len(views)
     fused = fuse(views, least_nats=floor_nats)
-    null = chance(views)
+    null = draw_null(views)
     lenient = fuse(views, null=null, most_false_alarm=1.0)
-    true = Place.of(leak, sequence.trajectory)
+    true = TruePlume.of(leak, sequence.trajectory)
     positive, _ = labels(sequence, list(range(len(views))))
     size = np.linalg.norm(sequence.truth, axis=-1)[positive]
-    return Judged(
+    return RecordingOutcome(
         amplitude_px=max((p.amplitude_px or 0.0 for p in sequence.scene.plumes), default=0.0),
         strength_px=float(size.mean()) if size.size else 0.0,
         noise=sequence.scene.image.noise,
@@ -46,29 +48,29 @@ def judge(sequence: Recorded, leak: simulated.PlumeSpec, detector: RegisteredDet
         floor_nats=floor_nats,
         threshold_nats=fused.threshold_nats,
         limit_px=detection_limit_px(views, fused.threshold_nats, response=detector.response),
-        strongest=strongest(views, null, true),
-        unasked=next((true.stated(plume) for plume in lenient.plumes), NOTHING),
+        strongest=strongest_column(views, null, true),
+        unasked=next((true.stated(plume) for plume in lenient.plumes), NO_COLUMN),
         plumes=tuple(
             true.stated(cap_probability(plume, choice, len(views))) for plume in fused.plumes
         ),
     )
 
 
-def chance(views: Views) -> NullLevel:
+def draw_null(views: Views) -> NullLevel:
     """The null that `fuse` draws of these views."""
     rng = np.random.default_rng(0)
     return NullLevel.from_views(views, views.volume(), rng, progress=lambda _: None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class TruePlume:
     """Where a plume stands: an upright column of fusion, and its distance from the cameras."""
 
     column: PlumeColumn
     range_m: float
 
     @classmethod
-    def of(cls, leak: simulated.PlumeSpec, trajectory: Trajectory) -> "Place":
+    def of(cls, leak: simulated.PlumeSpec, trajectory: Trajectory) -> "TruePlume":
         column = PlumeColumn(np.array([*leak.source, 0, 0, leak.height_m, leak.radius_m, 0]))
         away = np.linalg.norm(trajectory.centers_in_world - np.array(leak.source), axis=1)
         return cls(column=column, range_m=float(away.mean()))
@@ -81,13 +83,13 @@ class Place:
         return Stated(nats=plume.evidence_nats, probability=plume.probability, off=off)
 
 
-def strongest(views: Views, null: NullLevel, true: Place) -> Stated:
+def strongest_column(views: Views, null: NullLevel, true: TruePlume) -> Stated:
     """The strongest column, searched for as in the draws of chance."""
     rng = np.random.default_rng(0)
     starts = propose_columns(views, views.volume(), most=MOST_PROPOSALS)[0].columns
     columns = fit_columns(partial(column_evidence, views), starts, views.unit, rng)
     if not len(columns):
-        return NOTHING
+        return NO_COLUMN
     nats = float(column_evidence(views, columns[0].as_columns)[0])
     return Stated(nats=nats, probability=1 - null.false_alarm(nats), off=true.off(columns[0]))
 

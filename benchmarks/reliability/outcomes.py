@@ -43,7 +43,7 @@ class Share:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bin:
+class ProbabilityBin:
     """What was stated with a probability from `low` to `high`; `stated` is the mean."""
 
     low: float
@@ -52,7 +52,9 @@ class Bin:
     true: Share
 
 
-def binned(stated: ArrayLike, true: ArrayLike, edges: Sequence[float] = EDGES) -> list[Bin]:
+def binned(
+    stated: ArrayLike, true: ArrayLike, edges: Sequence[float] = EDGES
+) -> list[ProbabilityBin]:
     """By stated probability, each bin without its lower edge but the first; NaN of an empty one."""
     stated, true = np.asarray(stated, dtype=float), np.asarray(true, dtype=bool)
     place = np.searchsorted(edges[1:-1], stated, side="left")
@@ -60,7 +62,7 @@ def binned(stated: ArrayLike, true: ArrayLike, edges: Sequence[float] = EDGES) -
     for k, (low, high) in enumerate(pairwise(edges)):
         here = place == k
         mean = float(stated[here].mean()) if here.any() else np.nan
-        bins.append(Bin(low=low, high=high, stated=mean, true=Share.of(true[here])))
+        bins.append(ProbabilityBin(low=low, high=high, stated=mean, true=Share.of(true[here])))
     return bins
 
 
@@ -78,11 +80,11 @@ class Stated:
         return self.off < FOUND_SHARE
 
 
-NOTHING = Stated(nats=0.0, probability=0.0, off=np.inf)
+NO_COLUMN = Stated(nats=0.0, probability=0.0, off=np.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged:
+class RecordingOutcome:
     """What was stated of a recording, and what is true of it.
 
     Attributes:
@@ -130,7 +132,7 @@ class Judged:
         return np.nan if self.limit_px is None else self.strength_px / self.limit_px
 
     @classmethod
-    def load(cls, path: Path) -> "Judged":
+    def load(cls, path: Path) -> "RecordingOutcome":
         content = json.loads(path.read_text())
         strongest, unasked = (Stated(**content.pop(name)) for name in ("strongest", "unasked"))
         plumes = tuple(Stated(**plume) for plume in content.pop("plumes"))

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from benchmarks.common.plots import Colour, text
-from benchmarks.reliability.outcomes import Judged, Share
-from benchmarks.reliability.tables import by_column, by_plume, found_over_limit, parted
+from benchmarks.reliability.outcomes import RecordingOutcome, Share
+from benchmarks.reliability.tables import by_column, by_plume, found_over_limit, split_by_plume
 
 NATS = (0.3, 1, 3, 10, 30, 100)
 WIDTH, HEIGHT = 400, 300
@@ -17,11 +17,11 @@ COLUMN, MAP = (200, 120, 30), (60, 160, 60)
 PLUME, NONE = COLUMN, (60, 60, 220)
 
 
-def picture(every: Sequence[Judged]) -> np.ndarray:
+def picture(every: Sequence[RecordingOutcome]) -> np.ndarray:
     return np.hstack([stated_panel(every), nats_panel(every), limit_panel(every)])
 
 
-def stated_panel(every: Sequence[Judged]) -> np.ndarray:
+def stated_panel(every: Sequence[RecordingOutcome]) -> np.ndarray:
     image = panel("A plume stands there, by what is stated (black)")
     bins = list(zip(by_column(every), by_plume(every), strict=True))
     for k, pair in enumerate(bins):
@@ -39,7 +39,7 @@ def stated_panel(every: Sequence[Judged]) -> np.ndarray:
     return image
 
 
-def limit_panel(every: Sequence[Judged]) -> np.ndarray:
+def limit_panel(every: Sequence[RecordingOutcome]) -> np.ndarray:
     image = panel("Plumes found, by strength over the stated limit")
     shares = found_over_limit(every)
     for k, (low, high, share) in enumerate(shares):
@@ -49,7 +49,7 @@ def limit_panel(every: Sequence[Judged]) -> np.ndarray:
     return image
 
 
-def nats_panel(every: Sequence[Judged]) -> np.ndarray:
+def nats_panel(every: Sequence[RecordingOutcome]) -> np.ndarray:
     image = panel("Share of recordings below, strongest column")
     for value in NATS:
         text(image, f"{value:g}", (along(value) - 8, BOTTOM + 18))
@@ -58,7 +58,7 @@ def nats_panel(every: Sequence[Judged]) -> np.ndarray:
         cv2.line(image, (along(floor), TOP), (along(floor), BOTTOM), FLOOR, 1, cv2.LINE_AA)
         text(image, "floor", (along(floor) + 4, row(0.5)), FLOOR)
     for some, name, colour, x in zip(
-        parted(every), ("plume", "none"), (PLUME, NONE), (60, 120), strict=True
+        split_by_plume(every), ("plume", "none"), (PLUME, NONE), (60, 120), strict=True
     ):
         nats = np.sort([one.strongest.nats / one.views for one in some])
         steps = [(along(n), row((k + up) / len(nats))) for k, n in enumerate(nats) for up in (0, 1)]

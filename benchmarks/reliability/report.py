@@ -5,7 +5,7 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.reliability.outcomes import Judged
+from benchmarks.reliability.outcomes import RecordingOutcome
 from benchmarks.reliability.picture import picture
 from benchmarks.reliability.recordings import add_recording_arguments, chosen
 from benchmarks.reliability.tables import report
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     paths = [options.work / f"{seed}.json" for seed in chosen(options)]
-    every = [Judged.load(path) for path in paths if path.exists()]
+    every = [RecordingOutcome.load(path) for path in paths if path.exists()]
     if not every:
         raise BadInputError(f"{options.work}: nothing judged there yet; run film and judge first")
     print(report(every))

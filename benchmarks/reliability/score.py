@@ -6,7 +6,7 @@ Keeps what is present in the work folder: delete `*.json` there when the method 
 import argparse
 
 from benchmarks.common.filmed import Recorded
-from benchmarks.reliability.answers import judge
+from benchmarks.reliability.answers import evaluate_recording
 from benchmarks.reliability.recordings import (
     add_recording_arguments,
     chosen,
@@ -30,7 +30,7 @@ def main(options: argparse.Namespace) -> None:
         recorded, path = (options.work / f"{seed}.{suffix}" for suffix in ("npz", "json"))
         if recorded.exists() and not path.exists():
             leak = flowing(random_scene(seed, plume=True).plumes[0], flow_of(seed))
-            judge(Recorded.load(recorded, CaptureSetup(scene=scene_of(seed))), leak, detector).save(
-                path
-            )
+            evaluate_recording(
+                Recorded.load(recorded, CaptureSetup(scene=scene_of(seed))), leak, detector
+            ).save(path)
             print(seed, path.read_text(), flush=True)

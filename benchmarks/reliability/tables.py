@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import expit
 
-from benchmarks.reliability.outcomes import Bin, Judged, Share, binned
+from benchmarks.reliability.outcomes import ProbabilityBin, RecordingOutcome, Share, binned
 from detect.calibration import logistic
 from detect.kinds import LEARNED_RELIABILITY
 from geometry.arrays import BoolArray, FloatArray
@@ -15,16 +15,16 @@ RATIOS = (0.0, 0.5, 1.0, 2.0, np.inf)
 ALARMS = (0.5, 0.1, 0.01, 0.001)
 
 
-def report(every: Sequence[Judged]) -> str:
+def report(every: Sequence[RecordingOutcome]) -> str:
     parts = (reported, unasked, clutter, limits, believable)
     return "\n\n".join(part(every) for part in parts)
 
 
-def reported(every: Sequence[Judged]) -> str:
+def reported(every: Sequence[RecordingOutcome]) -> str:
     """Of what maps report: how much is true, and how much of what is there was found."""
     true = [each for one in every for each in one.truths]
     stated = [plume.probability for one in every for plume in one.plumes]
-    there, empty = parted(every)
+    there, empty = split_by_plume(every)
     alarms = [bool(one.plumes) for one in empty]
     lines = [
         f"recordings with a plume: {len(there)}, without: {len(empty)}",
@@ -37,7 +37,7 @@ def reported(every: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-def unasked(every: Sequence[Judged]) -> str:
+def unasked(every: Sequence[RecordingOutcome]) -> str:
     """Of the strongest of each recording, nothing asked of it: stated against true."""
     loud = [one for one in every if one.strongest.nats >= one.floor_nats]
     lines = [
@@ -54,19 +54,19 @@ def unasked(every: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-def by_column(every: Sequence[Judged]) -> list[Bin]:
+def by_column(every: Sequence[RecordingOutcome]) -> list[ProbabilityBin]:
     stated = [one.strongest.probability for one in every]
     return binned(stated, [one.true(one.strongest) for one in every])
 
 
-def by_plume(every: Sequence[Judged]) -> list[Bin]:
+def by_plume(every: Sequence[RecordingOutcome]) -> list[ProbabilityBin]:
     stated = [one.unasked.probability for one in every]
     return binned(stated, [one.true(one.unasked) for one in every])
 
 
-def clutter(every: Sequence[Judged]) -> str:
+def clutter(every: Sequence[RecordingOutcome]) -> str:
     """What is strongest where there is no plume: nats a view, and how rare it is said to be."""
-    _, empty = parted(every)
+    _, empty = split_by_plume(every)
     loud = [one.strongest.nats >= one.floor_nats for one in empty]
     lines = [
         f"strongest column without a plume, nats a view: {spread(empty)}",
@@ -81,9 +81,9 @@ def clutter(every: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-def limits(every: Sequence[Judged]) -> str:
+def limits(every: Sequence[RecordingOutcome]) -> str:
     """Plumes found, by their strength over the stated limit, and what a plume does to that."""
-    there, empty = parted(every)
+    there, empty = split_by_plume(every)
     lines = ["| strength over the stated limit | found |", "|---|---|"]
     lines += [f"| {low:g} to {high:g} | {share} |" for low, high, share in found_over_limit(every)]
     blind = [one.found for one in there if one.limit_px is None]
@@ -96,7 +96,7 @@ def limits(every: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-def believable(every: Sequence[Judged]) -> str:
+def believable(every: Sequence[RecordingOutcome]) -> str:
     """How often the strongest plumes are true by their evidence a view, and how the cap does."""
     told = [one for one in every if one.unasked.nats > 0]
     nats = np.array([one.unasked.nats / one.views for one in told])
@@ -118,22 +118,24 @@ def log_loss(probability: FloatArray, labels: BoolArray) -> float:
     return float(-np.log(np.maximum(right, 1e-12)).mean())
 
 
-def found_over_limit(every: Sequence[Judged]) -> list[tuple[float, float, Share]]:
-    there, _ = parted(every)
+def found_over_limit(every: Sequence[RecordingOutcome]) -> list[tuple[float, float, Share]]:
+    there, _ = split_by_plume(every)
     return [
         (low, high, Share.of([one.found for one in there if low <= one.over_limit < high]))
         for low, high in pairwise(RATIOS)
     ]
 
 
-def parted(every: Sequence[Judged]) -> tuple[list[Judged], list[Judged]]:
+def split_by_plume(
+    every: Sequence[RecordingOutcome],
+) -> tuple[list[RecordingOutcome], list[RecordingOutcome]]:
     """Those with a plume, and those without."""
     return [one for one in every if one.amplitude_px], [
         one for one in every if not one.amplitude_px
     ]
 
 
-def spread(every: Sequence[Judged]) -> str:
+def spread(every: Sequence[RecordingOutcome]) -> str:
     nats = [one.strongest.nats / one.views for one in every]
     if not nats:
         return "none"

@@ -128,7 +128,7 @@ def replay(locator: Locator, truth: Trajectory, key_frames: int) -> list[float]:
     return memory_mb
 
 
-def plotted(memory_mb: list[float], span: str) -> str:
+def draw_memory(memory_mb: list[float], span: str) -> str:
     """The memory over the run as a drawing."""
     top = 1.2 * max(memory_mb)
     places = zip(np.linspace(50, 390, len(memory_mb)), memory_mb, strict=True)
@@ -185,4 +185,4 @@ def main(options: argparse.Namespace) -> None:
     if options.plot:
         looked_at = f"{locator.counts.looked_at} key frames looked at"
         span = looked_at if options.replay else f"{options.seconds / 60:.0f} min, {looked_at}"
-        options.plot.write_text(plotted(memory_mb, span))
+        options.plot.write_text(draw_memory(memory_mb, span))

@@ -54,7 +54,7 @@ def places() -> list[FloatArray]:
     ]
 
 
-def towards(center: FloatArray, target: FloatArray) -> FloatArray:
+def pose_towards(center: FloatArray, target: FloatArray) -> FloatArray:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = look_at(center, target).T, center
     return pose
@@ -73,7 +73,7 @@ def trajectory(poses: Sequence[FloatArray], first: Trajectory) -> Trajectory:
     )
 
 
-def joined(parts: Sequence[Views]) -> Views:
+def join_views(parts: Sequence[Views]) -> Views:
     whole = trajectory(
         [np.linalg.inv(_cam_from_world(part, i)) for part in parts for i in range(len(part))],
         parts[0].trajectory,
@@ -96,7 +96,7 @@ def _cam_from_world(views: Views, i: int) -> FloatArray:
     return moved
 
 
-class Known:
+class KnownPlume:
     """What a robot knows of the plume."""
 
     def __init__(self, first: Views) -> None:
@@ -107,7 +107,7 @@ class Known:
 
     @property
     def views(self) -> Views:
-        return joined(self.parts)
+        return join_views(self.parts)
 
     def add(self, view: Views) -> None:
         number = sum(map(len, self.parts))
@@ -153,7 +153,7 @@ class Turning:
         self._left = places()
 
     def next(self, _views: Views, target: FloatArray, _plume: Plume | None) -> FloatArray:
-        return towards(self._left.pop(0), target)
+        return pose_towards(self._left.pop(0), target)
 
 
 class Fixed(Turning):
@@ -161,7 +161,7 @@ class Fixed(Turning):
 
     def next(self, _views: Views, _target: FloatArray, _plume: Plume | None) -> FloatArray:
         center = self._left.pop(0)
-        return towards(center, center + AHEAD)
+        return pose_towards(center, center + AHEAD)
 
 
 class Suggested(Turning):
@@ -170,10 +170,10 @@ class Suggested(Turning):
     def next(self, views: Views, target: FloatArray, plume: Plume | None) -> FloatArray:
         if plume is None:
             return super().next(views, target, plume)
-        poses = [towards(center, target) for center in self._left]
+        poses = [pose_towards(center, target) for center in self._left]
         background = views.background_in_world(16)
         best = rank_poses([plume], background, views.trajectory.camera, poses)[0].index
-        return towards(self._left.pop(best), target)
+        return pose_towards(self._left.pop(best), target)
 
 
 POLICIES = {"suggested": Suggested, "turning": Turning, "fixed": Fixed}
@@ -190,7 +190,7 @@ def views_needed(policy: Turning, seed: int) -> tuple[int, float]:
     truth = random_column(rng)
     faults = EvidenceFaults()
     first = make_faulty_views(truth, orbit_trajectory(FIRST_VIEWS, 15), rng, faults)
-    known = Known(first)
+    known = KnownPlume(first)
     target = np.array([0.0, 0.0, 1.0])
     for count in range(FIRST_VIEWS, MOST_VIEWS):
         known.search()

@@ -59,20 +59,20 @@ def online(video: Path, truth: Trajectory, detector: str, settings: LocatorSetti
     return locator.plume_map().plumes
 
 
-def squared(difference: FloatArray, covariance: FloatArray) -> float:
+def mahalanobis_squared(difference: FloatArray, covariance: FloatArray) -> float:
     return float(difference @ np.linalg.solve(covariance, difference))
 
 
-def compared(name: str, live: Plumes, run: Plumes, sources: FloatArray) -> str:
+def compare_plumes(name: str, live: Plumes, run: Plumes, sources: FloatArray) -> str:
     lines = [f"{name}: {len(live)} plumes live, {len(run)} offline, {len(sources)} true"]
     for source in sources if live and run else []:
         a, b = (min(p, key=lambda q: np.linalg.norm(q.source - source)) for p in (live, run))
         apart, off = a.source - b.source, a.source - source
-        both = squared(apart, a.source_covariance + b.source_covariance)
+        both = mahalanobis_squared(apart, a.source_covariance + b.source_covariance)
         lines.append(f"  apart {100 * np.linalg.norm(apart):.1f} cm, Mahalanobis^2 {both:.1f}")
         lines.append(f"  live off by {100 * off[0]:.0f}, {100 * off[1]:.0f}, {100 * off[2]:.0f} cm")
         for way, plume in (("live", a), ("offline", b)):
-            error = squared(plume.source - source, plume.source_covariance)
+            error = mahalanobis_squared(plume.source - source, plume.source_covariance)
             lines.append(
                 f"  {way:7} sigma {100 * plume.principal_sigmas[0]:.1f} cm, {len(plume.views)} "
                 f"views, Mahalanobis^2 to the truth {error:.1f}"
@@ -103,4 +103,4 @@ def main(options: argparse.Namespace) -> None:
         middle = time.process_time()
         run = offline(video, truth, options.detector)
         costs = f"  CPU {middle - started:.0f} s live, {time.process_time() - middle:.0f} s offline"
-        print(compared(scene.name, live, run, sources), costs, sep="\n", flush=True)
+        print(compare_plumes(scene.name, live, run, sources), costs, sep="\n", flush=True)

@@ -34,7 +34,7 @@ from locate.recording.posed_frames import PosedFrames
 INSIDE_SHARE = 0.3
 
 
-def recorded(run: Path, folder: Path) -> PosedFrames:
+def load_posed_frames(run: Path, folder: Path) -> PosedFrames:
     """The frames of a finished run, its images taken from `folder`."""
     frames = KeyFrames.load(run / "frames" / "index.json")
     trajectory = Trajectory.load(run / "trajectory.json")
@@ -62,7 +62,7 @@ def mean_strength_px(scene: Path, indices: list[int]) -> float:
     return float(np.mean(means))
 
 
-def bent(image: GreyImage, displacement: FloatMap) -> GreyImage:
+def bend_image(image: GreyImage, displacement: FloatMap) -> GreyImage:
     """The image with pixel p showing what stood at p + w(p), by a cubic spline."""
     rows, columns = np.indices(image.shape, dtype=np.float32)
     where = [rows + displacement[..., 1], columns + displacement[..., 0]]
@@ -70,18 +70,20 @@ def bent(image: GreyImage, displacement: FloatMap) -> GreyImage:
     return np.asarray(np.clip(np.rint(values), 0, 255), np.uint8)
 
 
-def found(
+def find_inserted(
     clean: Path, leak: Path, factor: float, detector_name: str, most: int
 ) -> tuple[bool, PlumeMap]:
     """Whether a run finds the leak's plume at `factor` of its strength, and its map."""
     run = clean / "run"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        source = recorded(run, run / "frames")
+        source = load_posed_frames(run, run / "frames")
         for image_name, index in zip(source.names, source.indices, strict=True):
             image = cv2.imread(str(run / "frames" / image_name), cv2.IMREAD_GRAYSCALE)
             displacement = factor * true_displacement(leak, int(index))
-            cv2.imwrite(str(folder / image_name), bent(np.asarray(image, np.uint8), displacement))
+            cv2.imwrite(
+                str(folder / image_name), bend_image(np.asarray(image, np.uint8), displacement)
+            )
         points = load_points(run / "points.npz")
         if points is None:
             points = load_points(run / "sfm" / "points.npz")
@@ -108,7 +110,7 @@ def main(options: argparse.Namespace) -> None:
     for seed in options.seeds:
         clean = options.work / f"clean_{seed}"
         leak = options.work / f"1px_1_{seed}"
-        limit_px = found(clean, leak, 0.0, options.detector, most)[1].detection_limit_px
+        limit_px = find_inserted(clean, leak, 0.0, options.detector, most)[1].detection_limit_px
         if limit_px is None:
             print(f"{seed} | no limit stated")
             continue
@@ -116,7 +118,7 @@ def main(options: argparse.Namespace) -> None:
         strength_px = mean_strength_px(leak, indices)
         for share in options.shares:
             factor = share * limit_px / strength_px
-            seen, plume_map = found(clean, leak, factor, options.detector, most)
+            seen, plume_map = find_inserted(clean, leak, factor, options.detector, most)
             strongest = max((p.evidence_nats for p in plume_map.plumes), default=0.0)
             print(
                 f"{seed} | stated {limit_px:.2f} px | inserted {share * limit_px:.2f} px | "

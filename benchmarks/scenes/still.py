@@ -48,12 +48,12 @@ def still_scene(seed: int, *, plume: bool, amplitude_px: float | None) -> Scene:
     )
 
 
-def small(image: GreyImage) -> GreyImage:
+def shrink(image: GreyImage) -> GreyImage:
     size = (WIDTH_PX, image.shape[0] * WIDTH_PX // image.shape[1])
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-def judged(folder: Path) -> str:
+def evaluate_recording(folder: Path) -> str:
     plume_map = Run(RunConfig(recording=folder / "video.mkv"), folder / "run").run()
     verdict = evaluate_map(plume_map, None, folder)
     nats = ", ".join(f"{bearing.evidence_nats:.0f}" for bearing in plume_map.bearings)
@@ -67,7 +67,7 @@ def judged(folder: Path) -> str:
 
 def picture(folder: Path) -> NDArray[np.uint8]:
     """(H, 3 W, 3) a frame with its bearings, what lasts, and the truth."""
-    images = [small(f.image) for f in open_recording(folder / "video.mkv").frames()]
+    images = [shrink(f.image) for f in open_recording(folder / "video.mkv").frames()]
     lasting = Fluctuation.measure(images, np.random.default_rng(0)).sigmas
     truth = SceneTruth.load(folder)
     squares = [(truth.frame(i).displacement ** 2).sum(axis=-1) for i in range(0, len(images), 4)]
@@ -98,7 +98,7 @@ def main(options: argparse.Namespace) -> None:
             folder = options.work / f"{kind}_{seed}"
             scene = still_scene(seed, plume=kind == "leak", amplitude_px=options.amplitude)
             render(folder, scene, "wind" if kind == "wind" else "", photos)
-            print(judged(folder), flush=True)
+            print(evaluate_recording(folder), flush=True)
             if options.plot:
                 pictures.append(picture(folder))
     if options.plot:

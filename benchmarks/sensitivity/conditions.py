@@ -41,7 +41,7 @@ class Condition:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scale:
+class StudySize:
     """How large everything is."""
 
     seeds: int
@@ -67,17 +67,17 @@ def axes(quick: bool) -> dict[str, list[Condition]]:
     }
 
 
-def scale_of(options: argparse.Namespace) -> Scale:
+def scale_of(options: argparse.Namespace) -> StudySize:
     chosen = axes(options.quick)
     kept = {name: chosen[name] for name in options.axes}
     if options.quick:
         size = (320, 240)
-        return Scale(seeds=options.seeds, frames=24, size=size, focal_px=330, keys=8, axes=kept)
+        return StudySize(seeds=options.seeds, frames=24, size=size, focal_px=330, keys=8, axes=kept)
     size = (640, 480)
-    return Scale(seeds=options.seeds, frames=60, size=size, focal_px=560, keys=16, axes=kept)
+    return StudySize(seeds=options.seeds, frames=60, size=size, focal_px=560, keys=16, axes=kept)
 
 
-def scene_of(condition: Condition, seed: int, scale: Scale) -> Scene:
+def scene_of(condition: Condition, seed: int, scale: StudySize) -> Scene:
     scene = random_scene(
         seed,
         plume=condition.amplitude_px > 0,
@@ -110,7 +110,7 @@ def take_of(condition: Condition, scene: Scene, photos: Path | None) -> CaptureS
     return apply_nuisances(capture, [condition.nuisance] if condition.nuisance else [], rng)
 
 
-def sequences(scale: Scale) -> Iterator[tuple[str, Condition, int]]:
+def sequences(scale: StudySize) -> Iterator[tuple[str, Condition, int]]:
     for axis, conditions in scale.axes.items():
         for seed in range(FIRST_SEED, FIRST_SEED + scale.seeds):
             for condition in conditions:

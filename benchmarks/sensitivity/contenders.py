@@ -12,7 +12,7 @@ from detect.kinds import DYBS, REGISTERED
 from detect.registered import RegisteredDetector
 
 
-class Contenders:
+class ComparedDetectors:
     """Whoever judges; `learned` and `fused` where weights are installed or given."""
 
     def __init__(self, weights: Path | None) -> None:
@@ -22,7 +22,7 @@ class Contenders:
         dybs = DYBS.find_weights()
         self._dybs = None if dybs is None else DybsDetector(dybs)
 
-    def judge(self, sequence: Recorded, rows: Sequence[int]) -> dict[str, list[Detection]]:
+    def detect(self, sequence: Recorded, rows: Sequence[int]) -> dict[str, list[Detection]]:
         """The detections of some key frames, by contender."""
         told = defaultdict(list)
         for k in rows:

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.common.filmed import FOUND_SHARE, Recorded, labels
 from benchmarks.sensitivity.conditions import Condition
-from benchmarks.sensitivity.contenders import Contenders
+from benchmarks.sensitivity.contenders import ComparedDetectors
 from detect.detection import Detection
 from detect.scores import auroc, average_precision
 from detect.warp import blur, gradients
@@ -77,12 +77,12 @@ def source_scores(
 
 
 def evaluate(
-    sequence: Recorded, condition: Condition, contenders: Contenders, *, fusing: bool
+    sequence: Recorded, condition: Condition, contenders: ComparedDetectors, *, fusing: bool
 ) -> dict[str, dict[str, float]]:
     count = len(sequence.measurements)
     rows = np.linspace(0, count - 1, min(condition.views, count)).round().astype(int).tolist()
     positive, counts = labels(sequence, rows)
-    told = contenders.judge(sequence, rows)
+    told = contenders.detect(sequence, rows)
     maps = {name: np.stack([d.llr for d in detections]) for name, detections in told.items()}
     result = {name: pixel_scores(llr, positive, counts) for name, llr in maps.items()}
     if fusing and len(rows) > 1:

@@ -21,10 +21,10 @@ from benchmarks.sensitivity.conditions import (
     sequences,
     take_of,
 )
-from benchmarks.sensitivity.contenders import Contenders
+from benchmarks.sensitivity.contenders import ComparedDetectors
 from benchmarks.sensitivity.measures import evaluate
 from benchmarks.sensitivity.picture import plot
-from benchmarks.sensitivity.summary import label_of, summarised, table
+from benchmarks.sensitivity.summary import label_of, summarise, table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     scale = scale_of(options)
-    contenders = Contenders(options.weights)
+    contenders = ComparedDetectors(options.weights)
     found: defaultdict[str, list[dict[str, dict[str, float]]]] = defaultdict(list)
     for axis, condition, seed in sequences(scale):
         path = options.work / f"{condition.sequence(seed)}.npz"
@@ -48,7 +48,7 @@ def main(options: argparse.Namespace) -> None:
         label = f"{axis} {label_of(axis, condition)}"
         found[label].append(evaluate(sequence, condition, contenders, fusing=axis in options.fuse))
         print(label, seed, json.dumps(found[label][-1]), flush=True)
-    summary = {label: summarised(results) for label, results in found.items()}
+    summary = {label: summarise(results) for label, results in found.items()}
     if options.json:
         options.json.write_text(json.dumps(summary, indent=1))
     print(table(summary))

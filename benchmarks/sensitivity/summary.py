@@ -22,7 +22,7 @@ def label_of(axis: str, condition: Condition) -> str:
     return f"{values[axis]:g}"
 
 
-def summarised(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
+def summarise(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
     """Medians over scenes; the share found and the false plumes a scene are means."""
     summary: dict[str, dict[str, float]] = {}
     for name in COLOURS:

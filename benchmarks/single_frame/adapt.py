@@ -51,7 +51,7 @@ THINNED = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged:
+class DistortedImage:
     """One distorted image and what is true of it."""
 
     image: GreyImage
@@ -60,9 +60,9 @@ class Judged:
     still: BoolArray
 
 
-def of_sample(sample: Sample) -> Judged:
+def of_sample(sample: Sample) -> DistortedImage:
     size_px = np.linalg.norm(sample.displacement, axis=-1)
-    return Judged(
+    return DistortedImage(
         image=sample.image,
         displacement=sample.displacement,
         plume=size_px > 0.06,
@@ -95,10 +95,10 @@ def views(photo: GreyImage, seed: int, runs: tuple[Path, ...]) -> Iterator[Sampl
         yield render_through_plume(background, "photo", rng, recipe, Sources(runs=runs), shift_px=0)
 
 
-def of_pair(reference: GreyImage, image: GreyImage) -> Judged:
+def of_pair(reference: GreyImage, image: GreyImage) -> DistortedImage:
     found = BosDetector(reference=reference).detect(Frames(images=[image]), 0)
     size_px = np.linalg.norm(found.displacement, axis=-1)
-    return Judged(
+    return DistortedImage(
         image=image,
         displacement=found.displacement,
         plume=(size_px > 3 * found.sigma_px) & (size_px > 0.2),
@@ -106,7 +106,7 @@ def of_pair(reference: GreyImage, image: GreyImage) -> Judged:
     )
 
 
-def row(weights: Path, judged: list[Judged]) -> str:
+def row(weights: Path, judged: list[DistortedImage]) -> str:
     """AUROC / AP of the logit, r, error / of zero, and share of still pixels above 2 nats."""
     estimator, thin = SingleFrameEstimator(weights), (slice(None, None, THINNED),) * 2
     calibrated = estimator.network.json("calibration") is not None
@@ -137,7 +137,7 @@ def row(weights: Path, judged: list[Judged]) -> str:
     )
 
 
-def two_frames(known: GreyImage, judged: list[Judged]) -> str:
+def two_frames(known: GreyImage, judged: list[DistortedImage]) -> str:
     found = [lucas_kanade(known, one.image) for one in judged]
     true = [one.displacement for one in judged]
     r = np.corrcoef(np.ravel(found), np.ravel(true))[0, 1]
@@ -147,7 +147,7 @@ def two_frames(known: GreyImage, judged: list[Judged]) -> str:
 
 
 def compare(
-    name: str, known: list[GreyImage], judged: list[Judged], start: Path, minutes: float
+    name: str, known: list[GreyImage], judged: list[DistortedImage], start: Path, minutes: float
 ) -> None:
     size = f"{known[0].shape[1]}x{known[0].shape[0]}"
     mean = np.rint(np.mean(known, axis=0)).astype(np.uint8)

@@ -42,16 +42,18 @@ def main(options: argparse.Namespace) -> None:
     print("| what, 640 x 480, one thread | CPU ms, median | fastest |\n|---|---|---|")
     for path in options.networks:
         network, detector = Network(path), DybsDetector(path)
-        timed(f"{network.name}, onnxruntime", lambda n=network: n(planes(image)))
+        print_cost(f"{network.name}, onnxruntime", lambda n=network: n(planes(image)))
         for name, seen in whole.items():
-            timed(f"dybs with it, {name}", lambda d=detector, i=seen: detected(d, i))
-    timed("texture classes", lambda: texture_classes(image))
-    timed("demodulation, all a lattice", lambda: demodulate_lattice(lattice, np.ones(SHAPE, bool)))
+            print_cost(f"dybs with it, {name}", lambda d=detector, i=seen: detected(d, i))
+    print_cost("texture classes", lambda: texture_classes(image))
+    print_cost(
+        "demodulation, all a lattice", lambda: demodulate_lattice(lattice, np.ones(SHAPE, bool))
+    )
     for name, seen in whole.items():
         if seen is not lattice:
-            timed(f"edges, {name}", lambda i=seen: measure_edges(i))
+            print_cost(f"edges, {name}", lambda i=seen: measure_edges(i))
     measured, refine = measure_pattern(lattice, texture_classes(lattice)), RefinementNetwork()
-    timed("refinement, onnxruntime", lambda: refine(measured, SHAPE))
+    print_cost("refinement, onnxruntime", lambda: refine(measured, SHAPE))
     if options.paper:
         time_paper(image)
 
@@ -69,13 +71,13 @@ def time_paper(image: GreyImage) -> None:
     network = PaperUNet().eval()
     with tempfile.TemporaryDirectory() as scratch, torch.inference_mode():
         tensor = torch.from_numpy(planes(image)[None])
-        timed("the paper's network, torch", lambda: network(tensor), times=3)
+        print_cost("the paper's network, torch", lambda: network(tensor), times=3)
         path = save_network(network, Path(scratch) / "paper.onnx", "paper", 1, {})
         exported = Network(path)
-        timed("the paper's network, onnxruntime", lambda: exported(planes(image)), times=3)
+        print_cost("the paper's network, onnxruntime", lambda: exported(planes(image)), times=3)
 
 
-def timed(name: str, work: Callable[[], object], times: int = 15) -> None:
+def print_cost(name: str, work: Callable[[], object], times: int = 15) -> None:
     work()
     spent = []
     for _ in range(times):

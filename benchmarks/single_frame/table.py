@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.common.plots import text
 from benchmarks.single_frame.contenders import Contenders
-from benchmarks.single_frame.tally import PEAKS_PX, Tally
+from benchmarks.single_frame.tally import PEAKS_PX, SampleTally
 from detect.learning.dybs_calibration import labels_of
 from detect.network import Network
 from detect.synthesis import FAMILIES, Sample, shards_in
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     contenders = Contenders(options.networks, null_map(options.validation))
-    tallies: defaultdict[tuple[str, str], Tally] = defaultdict(Tally)
+    tallies: defaultdict[tuple[str, str], SampleTally] = defaultdict(SampleTally)
     for sample in samples_in(options.test, options.every):
         for name, answer in contenders.answers(sample.image):
             tallies[sample.family, name].add(sample, answer)

@@ -15,7 +15,7 @@ THIN = (slice(2, None, 5),) * 2
 PEAKS_PX = (0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 1.1)
 
 
-class Tally:
+class SampleTally:
     """Thinned pixels of one contender on one family."""
 
     def __init__(self) -> None:

@@ -28,7 +28,7 @@ OFFSET_SIGMAS = np.array([0.0035, 0.0035, 0.0035, 2.0, 2.0, 4.0, 0.002])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn:
+class DrawnCampaign:
     """One campaign: sites, how likely each is, what stood, what was seen."""
 
     sites: FloatArray
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     campaigns, first = options.campaigns, options.first
-    results = [scores(draw(np.random.default_rng(first + i))) for i in range(campaigns)]
+    results = [scores(draw_campaign(np.random.default_rng(first + i))) for i in range(campaigns)]
     total = {key: np.concatenate([result[key] for result in results]) for key in results[0]}
     print(f"{campaigns} campaigns, {FLIGHTS} flights, {SITES} sites")
     print(f"sites where a column was seen  {total['found'].size}")
@@ -65,7 +65,7 @@ def main(options: argparse.Namespace) -> None:
     print(f"  90 % intervals that hold it  {100 * total['inside'].mean():.1f} %")
 
 
-def draw(rng: np.random.Generator) -> Drawn:
+def draw_campaign(rng: np.random.Generator) -> DrawnCampaign:
     sites = np.zeros((0, 3))
     while len(sites) < SITES:
         site = np.append(rng.uniform(-SIZE_M / 2, SIZE_M / 2, 2), 0.0)
@@ -88,13 +88,13 @@ def draw(rng: np.random.Generator) -> Drawn:
             place = np.append(rng.uniform(-SIZE_M / 2, SIZE_M / 2, 2), 0.0)
             seen.append(sighting(flight, place, off, OWN_M, rng))
             site_of.append(-1)
-    return Drawn(
+    return DrawnCampaign(
         sites=sites, chance=chance, stood=stood, leans=leans, offsets=offsets, seen=seen,
         site_of=np.array(site_of),
     )  # fmt: skip
 
 
-def scores(drawn: Drawn) -> dict[str, FloatArray]:
+def scores(drawn: DrawnCampaign) -> dict[str, FloatArray]:
     fused = associate(drawn.seen, drawn.offsets, drawn.leans, wander_m=WANDER_M, area_m2=SIZE_M**2)
     solved, counts = fused.solution, np.bincount(fused.hotspot_of)
     visible = np.unique(drawn.site_of[drawn.site_of >= 0]).astype(int)

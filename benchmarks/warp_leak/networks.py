@@ -113,7 +113,7 @@ def train(network: nn.Module, images: Tensor, size_px: Tensor, steps: int) -> No
     for step in range(steps):
         among = clear if step < CLEAR_SHARE * steps else torch.arange(len(images))
         some, turns = among[torch.randint(len(among), (UNET_BATCH,))], int(torch.randint(8, ()))
-        image, truth_px = (turned(each[some], turns) for each in (images, size_px))
+        image, truth_px = (turn_maps(each[some], turns) for each in (images, size_px))
         with torch.autocast("cpu", torch.bfloat16):
             logit, size = answers(network(image[:, None].float() / 255))
         loss = loss_of(logit, size, truth_px, SIZE_WEIGHT)
@@ -132,7 +132,7 @@ def answers(says: Prediction) -> tuple[Tensor, Tensor]:
     return says.logit[:, 0].float(), says.displacement[:, 0].float() / UNIT_PX
 
 
-def turned(maps: Tensor, turns: int) -> Tensor:
+def turn_maps(maps: Tensor, turns: int) -> Tensor:
     """(N, H, W) by quarters, and mirrored from the fourth on."""
     maps = maps.rot90(turns % 4, (1, 2))
     return maps.flip(2) if turns > 3 else maps

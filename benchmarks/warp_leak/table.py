@@ -29,7 +29,7 @@ STRONG_PX = 0.25
 Groups = dict[str, np.ndarray]
 
 
-def judged(score: FloatMap, said: FloatMap, sizes: FloatMap, groups: Groups) -> list[str]:
+def score_answers(score: FloatMap, said: FloatMap, sizes: FloatMap, groups: Groups) -> list[str]:
     """AUROC by group of photos, and the correlation of the sizes; of (N, H, W) samples."""
     asked = (sizes > PLUME_PX) | (sizes < STILL_PX)
     cells = [
@@ -45,7 +45,7 @@ def judged(score: FloatMap, said: FloatMap, sizes: FloatMap, groups: Groups) -> 
     ]
 
 
-def learnt(options: argparse.Namespace, folder: Path) -> Ask:
+def train_network(options: argparse.Namespace, folder: Path) -> Ask:
     if options.network == "perceptron":
         return perceptron(folder)
     return unet(options.network, folder, options.steps)
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     paths = held_out(options.photos)
-    asks = {way: learnt(options, options.o / f"train-{way}") for way in WAYS}
+    asks = {way: train_network(options, options.o / f"train-{way}") for way in WAYS}
     sets = {
         way: [
             s
@@ -82,7 +82,7 @@ def main(options: argparse.Namespace) -> None:
         for trained, ask in asks.items():
             answers = [ask(sample.image) for sample in samples]
             score, said = (np.array(maps) for maps in zip(*answers, strict=True))
-            cells = judged(score, said, sizes, groups)
+            cells = score_answers(score, said, sizes, groups)
             print(f"| {trained} | {tested} | {' | '.join(cells)} |", flush=True)
     print("\n| moved by | trained on | "
           + " | ".join(f"{s} px" for s in SHIFTS_PX) + " |\n|" + "---|" * 6)  # fmt: skip
