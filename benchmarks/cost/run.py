@@ -7,12 +7,12 @@ python -m benchmarks.cost run video.mp4
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from benchmarks.common.cost import children_cpu_s, children_peak_mib
 from locate.recording.sample import SAMPLE_VIDEO
 
 STAGES = ("frames", "poses", "place", "detections", "fusion", "report")
@@ -35,6 +35,5 @@ def main(options: argparse.Namespace) -> None:
                 print(
                     f"{stage:10s} | {time['cpu_s']:5.1f} | {time['wall_s']:6.1f} | {time['note']}"
                 )
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    print(f"in all     | {usage.ru_utime + usage.ru_stime:5.1f} CPU s, start-up included")
-    print(f"peak memory | {usage.ru_maxrss / 1024:.0f} MB")
+    print(f"in all     | {children_cpu_s():5.1f} CPU s, start-up included")
+    print(f"peak memory | {children_peak_mib():.0f} MB")

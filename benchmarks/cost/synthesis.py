@@ -9,21 +9,15 @@ import argparse
 import platform
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.cost import cpu_seconds
 from detect.synthesis import FAMILIES, Recipe, Sources, sample_at
 from detect.synthesis.flows import RUN_KINDS, random_turbulence, read_run, write_run
 
 CROPS = 30
-
-
-def cpu_seconds(work: Callable[[], object]) -> float:
-    start = time.process_time()
-    work()
-    return time.process_time() - start
 
 
 def print_row(name: str, seconds: float, count: int) -> None:
@@ -32,13 +26,13 @@ def print_row(name: str, seconds: float, count: int) -> None:
 
 def time_flows(folder: Path, runs: int) -> None:
     for number in range(runs):
-        seconds = cpu_seconds(lambda number=number: write_run(folder, number))
+        seconds = cpu_seconds(lambda number=number: write_run(folder, number)).item()
         fields = len(read_run(folder / f"run_{number:05d}.npz"))
         print_row(
             f"field, {RUN_KINDS[number % len(RUN_KINDS)]} ({seconds:.0f} s a run)", seconds, fields
         )
     rng = np.random.default_rng(0)
-    seconds = cpu_seconds(lambda: [random_turbulence(rng) for _ in range(CROPS)])
+    seconds = cpu_seconds(lambda: [random_turbulence(rng) for _ in range(CROPS)]).item()
     print_row("field, random turbulence", seconds, CROPS)
 
 

@@ -15,7 +15,6 @@ A network sees one frame alone; `bos` (Horn-Schunck) is its truth: plume above 0
 """
 
 import argparse
-import resource
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ import cv2
 import numpy as np
 import scipy.io
 
+from benchmarks.common.cost import peak_mib
 from detect.bos import texture_of, unbiased_flow
 from detect.bos_checks import FrameCheck
 from detect.dybs import DybsDetector
@@ -77,14 +77,13 @@ def compare_methods(data: Path, methods: Sequence[str]) -> None:
             start = time.process_time()
             w, bias_px = unbiased_flow(flow_method(method), reference, image, texture)
             seconds = time.process_time() - start
-            peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
             agreement = "- | - | - | - | - | -"
             if name == BLOWTORCH[0]:
                 agreement = " | ".join(piv_row(w, piv, k) for k, piv in enumerate(read_piv(folder)))
             large = np.percentile(np.linalg.norm(w, axis=-1), 99)
             fault = FrameCheck.of(reference, image, w, bias_px, texture).fault
             print(f"| {name} | {method} | {agreement} | {large:.2f} | {fault and fault.name} | "
-                  f"{seconds:.1f} | {peak_mb:.0f} |", flush=True)  # fmt: skip
+                  f"{seconds:.1f} | {peak_mib():.0f} |", flush=True)  # fmt: skip
 
 
 def network_row(path: Path, image: GreyImage, truth: FloatMap | None) -> str:

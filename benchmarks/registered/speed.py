@@ -1,12 +1,12 @@
 """CPU time of the network and of a key frame; give it one thread."""
 
 import argparse
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.cost import cpu_seconds
 from benchmarks.scenes.limit import load_posed_frames
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.evidence_network import EvidenceNetwork
@@ -18,12 +18,8 @@ KEY_FRAMES = 16
 
 
 def print_cost(name: str, work: Callable[[], object], times: int) -> None:
-    spent = []
-    for _ in range(times):
-        start = time.process_time()
-        work()
-        spent.append(1000 * (time.process_time() - start))
-    print(f"{name}: {min(spent):.1f} ms of CPU at best, median {np.median(spent):.1f}")
+    spent_ms = 1000 * cpu_seconds(work, times)
+    print(f"{name}: {spent_ms.min():.1f} ms of CPU at best, median {np.median(spent_ms):.1f}")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,6 @@ known to 5 mm and 0.05 degrees, and given to `locate run` and to `locate robot b
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common.cost import children_cpu_s, children_peak_mib
 from geometry.trajectory import Trajectory
 from locate.map.plume import PlumeMap
 from locate.recording import open_recording
@@ -108,11 +108,10 @@ def record(folder: Path, truth: Trajectory) -> None:
 
 
 def timed(command: list[str | Path]) -> str:
-    before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    before_s, started_s = children_cpu_s(), time.monotonic()
     subprocess.run([sys.executable, "-m", "locate", *command], check=True, capture_output=True)
-    wall_s, after = time.monotonic() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return f"{spent:.0f} CPU s, {wall_s:.0f} s in all, at most {after.ru_maxrss / 1024:.0f} MB"
+    wall_s, spent_s = time.monotonic() - started_s, children_cpu_s() - before_s
+    return f"{spent_s:.0f} CPU s, {wall_s:.0f} s in all, at most {children_peak_mib():.0f} MB"
 
 
 def add_arguments(_parser: argparse.ArgumentParser) -> None:

@@ -1,13 +1,13 @@
 """CPU time of one thread."""
 
 import argparse
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from benchmarks.common.cost import cpu_seconds
 from benchmarks.single_frame.contenders import planes
 from benchmarks.single_frame.photos import detected, photo
 from detect.dybs import DybsDetector
@@ -79,9 +79,5 @@ def time_paper(image: GreyImage) -> None:
 
 def print_cost(name: str, work: Callable[[], object], times: int = 15) -> None:
     work()
-    spent = []
-    for _ in range(times):
-        start = time.process_time()
-        work()
-        spent.append(1000 * (time.process_time() - start))
-    print(f"| {name} | {np.median(spent):.0f} | {min(spent):.0f} |", flush=True)
+    spent_ms = 1000 * cpu_seconds(work, times)
+    print(f"| {name} | {np.median(spent_ms):.0f} | {spent_ms.min():.0f} |", flush=True)
