@@ -54,7 +54,7 @@ class BosDetector:
             BadInputError: The reference differs in size, or there is none and fewer than three
                 frames to take it from.
         """
-        image, reference = frames.images[index], self._reference(frames)
+        image, reference = frames.images[index], self._find_reference(frames)
         if image.shape != reference.shape:
             raise BadInputError(
                 f"frame {index} is {image.shape}, the reference {reference.shape}: "
@@ -68,7 +68,7 @@ class BosDetector:
         )
         return Detection(displacement=displacement, sigma_px=sigma_px, llr=llr)
 
-    def _reference(self, frames: Frames) -> GreyImage:
+    def _find_reference(self, frames: Frames) -> GreyImage:
         if self._given is not None:
             return self._given
         if self._median is None or self._median[0] is not frames.images:

@@ -1,4 +1,4 @@
-"""What makes a background-oriented recording worthless, told before it becomes training data."""
+"""What makes a background-oriented recording useless, found before it becomes training data."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ MOST_PLUME_SHARE = 0.005
 REFERENCE_FRAMES_SEEN = 9
 
 
-class Fault(Enum):
-    """What is wrong with a recording; the value says it, with what to do."""
+class RecordingFault(Enum):
+    """What is wrong with a recording; the value is a message, with what to do."""
 
     LIGHT = "the illumination changed: lock exposure, gain and lamps"
     MOVED = "the camera or the background moved: fix both, record the reference anew"
@@ -58,7 +58,7 @@ class FrameCheck:
     unexplained: float
 
     @classmethod
-    def of(
+    def compare(
         cls,
         reference: GreyImage,
         image: GreyImage,
@@ -85,19 +85,21 @@ class FrameCheck:
         )
 
     @property
-    def fault(self) -> Fault | None:
+    def fault(self) -> RecordingFault | None:
         """Why the frame cannot serve, None where it can."""
         if max(map(abs, self.shift_px)) > MOST_SHIFT_PX or self.rigid_px > MOST_RIGID_PX:
-            return Fault.MOVED
+            return RecordingFault.MOVED
         if self.light > MOST_LIGHT:
-            return Fault.LIGHT
-        return Fault.INTRUDED if self.unexplained > MOST_UNEXPLAINED_SHARE else None
+            return RecordingFault.LIGHT
+        return RecordingFault.INTRUDED if self.unexplained > MOST_UNEXPLAINED_SHARE else None
 
 
-def reference_fault(reference: GreyImage, images: Sequence[GreyImage] = ()) -> Fault | None:
+def reference_fault(
+    reference: GreyImage, images: Sequence[GreyImage] = ()
+) -> RecordingFault | None:
     """Why nothing can be measured against this reference, None where it serves.
 
-    A plume that never moves is part of the background for all that can be seen, and passes.
+    A plume that never moves is part of the background for any measurement, and passes.
 
     Args:
         reference: (H, W).
@@ -105,14 +107,14 @@ def reference_fault(reference: GreyImage, images: Sequence[GreyImage] = ()) -> F
     """
     darkest, brightest = CLIPPED
     if ((reference <= darkest) | (reference >= brightest)).mean() > MOST_CLIPPED_SHARE:
-        return Fault.CLIPPED
+        return RecordingFault.CLIPPED
     if (texture_of(reference) > LEAST_TEXTURE).mean() < LEAST_TEXTURED_SHARE:
-        return Fault.BLANK
-    return Fault.PLUME if _plume_share(reference, images) > MOST_PLUME_SHARE else None
+        return RecordingFault.BLANK
+    return RecordingFault.PLUME if _plume_share(reference, images) > MOST_PLUME_SHARE else None
 
 
 def _plume_share(reference: GreyImage, images: Sequence[GreyImage]) -> float:
-    """Share of the pixels where the frames together speak for a plume rather than against."""
+    """Share of the pixels where the frames together have evidence for a plume."""
     if not images:
         return 0.0
     frames, detector = Frames(images=images), BosDetector(reference=reference)

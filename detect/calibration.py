@@ -1,4 +1,4 @@
-"""From a detector's scores to log-likelihood ratios that mean what they say."""
+"""From a detector's scores to calibrated log-likelihood ratios."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.errors import BadInputError
 
 LEAST_AUROC = 0.6
-"""A class where refraction is told apart worse than this is silent."""
+"""A class where refraction is separated worse than this has no evidence."""
 LEAST_OF_EACH = 100
 RIDGE = 1e-6
 NEWTON_STEPS = 50
@@ -23,14 +23,14 @@ BINS = 15
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scale:
+class ClassCalibration:
     """Of one class: log odds = weights . scores + offset.
 
     Attributes:
         weights: One for each score.
         offset: Log odds at scores of zero, in the data it was fitted on.
         prior: Share of positives in these data.
-        auroc: How well it tells them apart where it was not fitted: the worse of two halves.
+        auroc: How well it separates them where it was not fitted: the worse of two halves.
     """
 
     weights: tuple[float, ...]
@@ -40,12 +40,12 @@ class Scale:
 
     @classmethod
     def fit(cls, scores: FloatArray, labels: BoolArray) -> Self | None:
-        """Logistic regression; None where it would say nothing.
+        """Logistic regression; None where it would separate nothing.
 
         Source: Platt, Advances in Large Margin Classifiers (1999) 61, for one score.
 
         Args:
-            scores: (N, S) finite; in the order of their images, as both halves must say something.
+            scores: (N, S) finite; in the order of their images, as both halves must separate.
             labels: (N,) true where positive.
         """
         middle = len(labels) // 2
@@ -53,12 +53,12 @@ class Scale:
         if any(min(labels[h].sum(), (~labels[h]).sum()) < LEAST_OF_EACH for h in halves):
             return None
         crossed = [
-            auroc(scores[there] @ logistic(scores[here], labels[here])[:-1], labels[there])
+            auroc(scores[there] @ fit_logistic(scores[here], labels[here])[:-1], labels[there])
             for here, there in (halves, halves[::-1])
         ]
         if min(crossed) < LEAST_AUROC:
             return None
-        weights = logistic(scores, labels)
+        weights = fit_logistic(scores, labels)
         return cls(
             weights=tuple(float(weight) for weight in weights[:-1]),
             offset=float(weights[-1]),
@@ -74,15 +74,15 @@ class Scale:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A scale for each class that has something to say.
+    """One for each class that has evidence.
 
     Attributes:
         scores: Names of the scores, in order.
-        scales: By the name of the class; a class that is not here is silent.
+        scales: By the name of the class; a class that is not here has no evidence.
     """
 
     scores: tuple[str, ...]
-    scales: Mapping[str, Scale]
+    scales: Mapping[str, ClassCalibration]
 
     @classmethod
     def fit(
@@ -106,7 +106,7 @@ class Calibration:
         scales = {}
         for k, name in enumerate(class_names):
             members = classes == k
-            scale = Scale.fit(scores[members], labels[members])
+            scale = ClassCalibration.fit(scores[members], labels[members])
             if scale is not None:
                 scales[name] = scale
         return cls(scores=tuple(score_names), scales=scales)
@@ -119,13 +119,13 @@ class Calibration:
         *,
         most: tuple[float, float] = (LLR_MIN, LLR_MAX),
     ) -> FloatMap:
-        """(H, W) evidence in nats; 0 where the class is silent.
+        """(H, W) evidence in nats; 0 where the class has none.
 
         Args:
             scores: (H, W, S).
             classes: (H, W) index into `class_names`.
             class_names: Of the classes.
-            most: Bounds; a score that sees one kind of refraction must not overrule all else.
+            most: Bounds; a score of one kind of refraction must not overrule all else.
         """
         llr = np.zeros(classes.shape, np.float32)
         for k, name in enumerate(class_names):
@@ -149,7 +149,9 @@ class Calibration:
         try:
             names = tuple(str(name) for name in content["scores"])
             scales = {
-                str(name): Scale(**{**scale, "weights": tuple(map(float, scale["weights"]))})
+                str(name): ClassCalibration(
+                    **{**scale, "weights": tuple(map(float, scale["weights"]))}
+                )
                 for name, scale in content["classes"].items()
             }
         except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -183,12 +185,12 @@ def expected_calibration_error(
     return float(np.abs(gaps).sum() / stated.size)
 
 
-def posterior(llr: FloatMap, prior: float) -> FloatMap:
+def posterior_probability(llr: FloatMap, prior: float) -> FloatMap:
     """Probability of refraction by the evidence and its share beforehand."""
     return np.asarray(expit(llr + logit(prior)), dtype=np.float32)
 
 
-def logistic(scores: FloatArray, labels: BoolArray) -> FloatArray:
+def fit_logistic(scores: FloatArray, labels: BoolArray) -> FloatArray:
     """Weights of the largest likelihood, the offset last; Newton's method, a trace of ridge.
 
     Targets are Platt's: (n + 1) / (n + 2) and 1 / (n + 2), not 1 and 0, so that a perfect score

@@ -39,7 +39,7 @@ class Detection:
         displacement: (H, W, 2) px, x right, y down: pixel p shows the background that would stand
             at p + displacement(p) without the plume.
         sigma_px: (H, W) standard deviation of either component, px; inf where nothing was measured.
-        llr: (H, W) natural-log likelihood ratio of refraction against none; 0 says nothing.
+        llr: (H, W) natural-log likelihood ratio of refraction against none; 0 is no evidence.
         inverse_depth: (H, W) of the background along the optical axis, 1 / world unit; 0 at
             infinity, NaN where unknown. None where the detector does not measure it.
     """
@@ -57,7 +57,7 @@ class Detection:
             )
 
     @classmethod
-    def silent(cls, shape: tuple[int, ...], *, depth: bool = False) -> Self:
+    def without_evidence(cls, shape: tuple[int, ...], *, depth: bool = False) -> Self:
         """Of a frame, (H, W), that nothing could be measured in.
 
         Args:

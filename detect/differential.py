@@ -10,7 +10,7 @@ from geometry.arrays import FloatMap, GreyImage
 
 COARSEST_SIDE_PX = 48
 PRESMOOTHING_PX = 0.7
-LASTING_TEXTURE = 0.5
+KEPT_TEXTURE = 0.5
 
 Step = Callable[[FloatMap, FloatMap, FloatMap, FloatMap], FloatMap]
 
@@ -76,12 +76,14 @@ def lucas_kanade(
     """
 
     def step(flow: FloatMap, gx: FloatMap, gy: FloatMap, difference: FloatMap) -> FloatMap:
-        return blur(flow, 1.0) + Window(gx, gy, window_px, noise).shift(difference)
+        return blur(flow, 1.0) + LeastSquaresWindow(gx, gy, window_px, noise).solve_shift(
+            difference
+        )
 
     return _coarse_to_fine(reference, image, step, warps)
 
 
-class Window:
+class LeastSquaresWindow:
     """Least squares in a Gaussian window round every pixel, for many differences.
 
     Args:
@@ -98,7 +100,7 @@ class Window:
         self._inverse = (-yy / determinant, xy / determinant, -xx / determinant)
         self._gx, self._gy, self._window_px = gx, gy, window_px
 
-    def shift(self, difference: FloatMap) -> FloatMap:
+    def solve_shift(self, difference: FloatMap) -> FloatMap:
         """(H, W, 2) the shift s with gx s_x + gy s_y + difference = 0."""
         return np.asarray(cv2.merge(self.shift_planes(difference)))
 
@@ -119,7 +121,7 @@ def _neighbour_mean(component: FloatMap) -> FloatMap:
 
 
 def _coarse_to_fine(reference: GreyImage, image: GreyImage, step: Step, warps: int) -> FloatMap:
-    pairs = _pyramid(_smooth(reference), _smooth(image))
+    pairs = _build_pyramid(_presmooth(reference), _presmooth(image))
     flow = np.zeros((*pairs[-1][0].shape, 2), dtype=np.float32)
     for source, target in reversed(pairs):
         height, width = target.shape
@@ -133,25 +135,25 @@ def _coarse_to_fine(reference: GreyImage, image: GreyImage, step: Step, warps: i
     return flow
 
 
-def _pyramid(reference: FloatMap, image: FloatMap) -> list[tuple[FloatMap, FloatMap]]:
-    """Both images halved while the texture lasts.
+def _build_pyramid(reference: FloatMap, image: FloatMap) -> list[tuple[FloatMap, FloatMap]]:
+    """Both images halved while enough of the texture is left.
 
     Of a lattice that is finer than the pixels of a level only aliasing is left, and its flow leads
     whole periods astray.
     """
     pairs = [(reference, image)]
-    least = LASTING_TEXTURE * _steepness(reference)
+    least = KEPT_TEXTURE * _mean_gradient(reference)
     while min(pairs[-1][0].shape) > 2 * COARSEST_SIDE_PX:
         coarser = cv2.pyrDown(pairs[-1][0]), cv2.pyrDown(pairs[-1][1])
-        if _steepness(coarser[0]) < least:
+        if _mean_gradient(coarser[0]) < least:
             break
         pairs.append(coarser)
     return pairs
 
 
-def _steepness(image: FloatMap) -> float:
+def _mean_gradient(image: FloatMap) -> float:
     return float(np.sqrt(np.mean(np.square(gradients(image)))))
 
 
-def _smooth(image: GreyImage) -> FloatMap:
+def _presmooth(image: GreyImage) -> FloatMap:
     return blur(image.astype(np.float32), PRESMOOTHING_PX)

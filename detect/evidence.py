@@ -35,11 +35,11 @@ def displacement_evidence(
         displacement: (H, W, 2) w, px.
         sigma_px: (H, W) its standard deviation as first estimated; inf where unmeasured.
         texture: (H, W) mean squared gradient, (grey levels per px) squared.
-        trust: (H, W) from 0 (says nothing) to 1.
+        trust: (H, W) from 0 (no evidence) to 1.
         largest_scale: Up to what factor the frame's scatter may widen sigma.
 
     Returns:
-        (H, W) llr in nats, from -1.5 to 4, 0 where nothing can be said; (H, W) sigma_px.
+        (H, W) llr in nats, from -1.5 to 4, 0 where there is none; (H, W) sigma_px.
     """
     size = np.hypot(displacement[..., 0], displacement[..., 1])
     measured = np.isfinite(sigma_px) & (trust > 0)
@@ -47,7 +47,7 @@ def displacement_evidence(
     sigma_px = sigma_px * np.minimum(scale, largest_scale)
     llr = log_likelihood_ratio(size, np.where(measured, sigma_px, 1.0).astype(np.float32))
     trust = np.where(measured, trust, 0).astype(np.float32)
-    llr = pooled(np.clip(llr, LLR_MIN, POOLED_MOST), trust)
+    llr = pool_evidence(np.clip(llr, LLR_MIN, POOLED_MOST), trust)
     llr = llr * texture / (texture + TEXTURE_HALF) * trust
     llr = np.where(measured, np.clip(llr, LLR_MIN, LLR_MAX), 0)
     return llr.astype(np.float32), sigma_px.astype(np.float32)
@@ -75,7 +75,7 @@ def null_scale(
     return np.asarray(scales[classes])
 
 
-def pooled(llr: FloatMap, trust: FloatMap) -> FloatMap:
+def pool_evidence(llr: FloatMap, trust: FloatMap) -> FloatMap:
     """The trusted mean round every pixel: plumes are wide, errors at edges are thin."""
     shared = blur((llr * trust).astype(np.float32), POOL_PX)
     return np.asarray(shared / (blur(trust, POOL_PX) + POOL_LONELY))

@@ -30,12 +30,12 @@ def dis_matcher(*, refinements: int) -> Any:
     return matcher
 
 
-def dis(reference: GreyImage, image: GreyImage) -> FloatMap:
+def dis_flow(reference: GreyImage, image: GreyImage) -> FloatMap:
     """Dense inverse search (Kroeger et al., ECCV 2016)."""
     return np.asarray(dis_matcher(refinements=3).calc(image, reference, None))
 
 
-def farneback(reference: GreyImage, image: GreyImage) -> FloatMap:
+def farneback_flow(reference: GreyImage, image: GreyImage) -> FloatMap:
     """Polynomial expansion (Farneback, SCIA 2003)."""
     start = np.zeros((*image.shape, 2), np.float32)
     pyramid, window, iterations, polynomial = (0.5, 4), 15, 5, (5, 1.1)
@@ -45,12 +45,12 @@ def farneback(reference: GreyImage, image: GreyImage) -> FloatMap:
     return np.asarray(flow)
 
 
-def deepflow(reference: GreyImage, image: GreyImage) -> FloatMap:
+def deep_flow(reference: GreyImage, image: GreyImage) -> FloatMap:
     """Variational flow of DeepFlow (Weinzaepfel et al., ICCV 2013), as OpenCV has it."""
     return np.asarray(cv2.optflow.createOptFlow_DeepFlow().calc(image, reference, None))
 
 
-def pcaflow(reference: GreyImage, image: GreyImage) -> FloatMap:
+def pca_flow(reference: GreyImage, image: GreyImage) -> FloatMap:
     """A smooth basis fitted to sparse matches (Wulff & Black, CVPR 2015): coarse and fast."""
     return np.asarray(cv2.optflow.createOptFlow_PCAFlow().calc(image, reference, None))
 
@@ -58,10 +58,10 @@ def pcaflow(reference: GreyImage, image: GreyImage) -> FloatMap:
 METHODS: dict[str, Flow] = {
     "horn-schunck": horn_schunck,
     "lucas-kanade": lucas_kanade,
-    "dis": dis,
-    "farneback": farneback,
-    "deepflow": deepflow,
-    "pcaflow": pcaflow,
+    "dis": dis_flow,
+    "farneback": farneback_flow,
+    "deepflow": deep_flow,
+    "pcaflow": pca_flow,
 }
 
 

@@ -16,7 +16,7 @@ from typing import Self
 
 import numpy as np
 
-from detect.differential import Window
+from detect.differential import LeastSquaresWindow
 from detect.warp import blur, gradients
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 
@@ -106,7 +106,7 @@ def shifts_px(images: Sequence[GreyImage]) -> FloatMap:
     usual = np.mean([tone.std() for tone in tones])
     tones = [tone * (usual / max(float(tone.std()), 1e-6)) for tone in tones]
     mean = np.mean(tones, axis=0)
-    window = Window(*gradients(mean), WINDOW_PX, NOISE)
+    window = LeastSquaresWindow(*gradients(mean), WINDOW_PX, NOISE)
     shifts = np.stack([window.shift_planes(tone - mean) for tone in tones])
     shifts -= np.median(shifts, axis=(2, 3), keepdims=True)
     shifts = np.clip(shifts, -MOST_PX, MOST_PX)

@@ -8,7 +8,7 @@ from geometry.arrays import FloatMap
 
 SEPARATOR = "+"
 """Joins the names of two detectors."""
-SHARED = 0.5
+ERROR_CORRELATION = 0.5
 """Correlation that the errors of two detectors on one frame are taken to have."""
 
 
@@ -27,7 +27,9 @@ class FusedDetector:
             fills in where the first is silent.
     """
 
-    def __init__(self, first: Detector, second: Detector, *, shared: float = SHARED) -> None:
+    def __init__(
+        self, first: Detector, second: Detector, *, shared: float = ERROR_CORRELATION
+    ) -> None:
         self.name = f"{first.name}{SEPARATOR}{second.name}"
         self.response = first.response
         self._first, self._second = first, second
@@ -35,12 +37,12 @@ class FusedDetector:
 
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index` with both."""
-        return fused(
+        return fuse_pair(
             self._first.detect(frames, index), self._second.detect(frames, index), self._shared
         )
 
 
-def fused(first: Detection, second: Detection, shared: float) -> Detection:
+def fuse_pair(first: Detection, second: Detection, shared: float) -> Detection:
     """One detection of two of the same frame; see `FusedDetector`."""
     weight = np.where(first.llr == 0, 1, 1 - shared)
     llr = np.clip(first.llr + weight * second.llr, LLR_MIN, LLR_MAX)
@@ -53,14 +55,14 @@ def fused(first: Detection, second: Detection, shared: float) -> Detection:
     excess = np.divide(2 * shared * a * b, total, out=np.zeros_like(total), where=known)
     variance = np.divide(1 + excess, total, out=np.full_like(total, np.inf), where=known)
     return Detection(
-        displacement=_towards(first.displacement, second.displacement, share),
+        displacement=_interpolate_field(first.displacement, second.displacement, share),
         sigma_px=np.sqrt(variance),
         llr=llr.astype(np.float32),
         inverse_depth=first.inverse_depth,
     )
 
 
-def _towards(start: FloatMap, end: FloatMap, share: FloatMap) -> FloatMap:
+def _interpolate_field(start: FloatMap, end: FloatMap, share: FloatMap) -> FloatMap:
     """(H, W, 2), by the inverse variances, which is the best for errors that are not shared."""
     start, end = (np.where(np.isfinite(field), field, 0) for field in (start, end))
     return (start + share[..., None] * (end - start)).astype(np.float32)

@@ -18,7 +18,7 @@ LARGEST_PX = 2_000_000
 """Above this many pixels an image is run in tiles; a pixel costs some 300 bytes."""
 
 Maps = Mapping[str, FloatMap]
-Tile = tuple[tuple[slice, slice], tuple[slice, slice], tuple[slice, slice]]
+TileSlices = tuple[tuple[slice, slice], tuple[slice, slice], tuple[slice, slice]]
 
 
 def open_session(path: Path, what: str = "network", threads: int = 1) -> Any:
@@ -58,12 +58,12 @@ class Network:
         threads: Of the CPU.
 
     Attributes:
-        name: What the network calls itself.
+        name: As stored in the file.
         channels: C.
         stride: What H and W are padded to.
         receptive_px: How far from a pixel the image can change its output.
         outputs: Names of its outputs.
-        metadata: All that the file says about itself.
+        metadata: All that is stored in the file.
 
     Raises:
         BadInputError: The file is missing, is not ONNX, or breaks the contract.
@@ -92,7 +92,7 @@ class Network:
         self._input = inputs[0].name
         self.outputs = [node.name for node in self._session.get_outputs()]
 
-    def json(self, key: str) -> Any:
+    def read_metadata(self, key: str) -> Any:
         """A metadata entry, decoded; None where the file has no such entry.
 
         Raises:
@@ -124,11 +124,11 @@ class Network:
         padded = np.asarray(planes, np.float32)
         if np.any(padding):
             padded = np.pad(padded, padding, mode="reflect")
-        run = self._run if padded[0].size <= self._largest_px else self._run_tiled
+        run = self._run_whole if padded[0].size <= self._largest_px else self._run_tiled
         maps = run(padded)
         return {name: found[:, :height, :width] for name, found in maps.items()}
 
-    def _run(self, planes: FloatMap) -> dict[str, FloatMap]:
+    def _run_whole(self, planes: FloatMap) -> dict[str, FloatMap]:
         try:
             found = self._session.run(self.outputs, {self._input: planes[None]})
         except Exception as error:  # onnxruntime's errors share no base of their own
@@ -140,14 +140,14 @@ class Network:
 
     def _run_tiled(self, planes: FloatMap) -> dict[str, FloatMap]:
         maps: dict[str, FloatMap] = {}
-        for seen, kept, target in self._tiles(planes.shape[1:]):
-            for name, part in self._run(planes[(slice(None), *seen)]).items():
+        for seen, kept, target in self._cut_tiles(planes.shape[1:]):
+            for name, part in self._run_whole(planes[(slice(None), *seen)]).items():
                 if name not in maps:
                     maps[name] = np.empty((len(part), *planes.shape[1:]), np.float32)
                 maps[name][(slice(None), *target)] = part[(slice(None), *kept)]
         return maps
 
-    def _tiles(self, shape: tuple[int, ...]) -> Iterator[Tile]:
+    def _cut_tiles(self, shape: tuple[int, ...]) -> Iterator[TileSlices]:
         """What to show the network, what of its answer to keep, and where that belongs."""
         margin = -(-self.receptive_px // self.stride) * self.stride
         side = int(np.sqrt(self._largest_px)) // self.stride * self.stride
@@ -155,13 +155,14 @@ class Network:
         for top in range(0, shape[0], step):
             for left in range(0, shape[1], step):
                 spans = [
-                    _span(at, step, margin, n) for at, n in zip((top, left), shape, strict=True)
+                    _tile_span(at, step, margin, n)
+                    for at, n in zip((top, left), shape, strict=True)
                 ]
                 seen, kept, target = zip(*spans, strict=True)
                 yield seen, kept, target
 
 
-def _span(start: int, step: int, margin: int, length: int) -> tuple[slice, slice, slice]:
+def _tile_span(start: int, step: int, margin: int, length: int) -> tuple[slice, slice, slice]:
     """Of one axis: the part seen, the part of it that is kept, and where that belongs."""
     stop = min(start + step, length)
     first = max(start - margin, 0)

@@ -46,7 +46,7 @@ class OnnxFlow:
         Raises:
             BadInputError: The network's output is not a flow of the input's size.
         """
-        planes = [self._prepared(image), self._prepared(reference)]
+        planes = [self._prepare_planes(image), self._prepare_planes(reference)]
         arrays = planes if len(self._inputs) == 2 else [np.concatenate(planes, axis=1)]
         feeds = {node.name: array for node, array in zip(self._inputs, arrays, strict=True)}
         try:
@@ -56,9 +56,9 @@ class OnnxFlow:
         expected = (1, 2, *planes[0].shape[2:])
         if flow.shape != expected:
             raise BadInputError(f"{self.path}: output {flow.shape}, expected {expected}")
-        return self._restored(flow[0].transpose(1, 2, 0).astype(np.float32), image.shape)
+        return self._restore_flow(flow[0].transpose(1, 2, 0).astype(np.float32), image.shape)
 
-    def _prepared(self, image: GreyImage) -> FloatMap:
+    def _prepare_planes(self, image: GreyImage) -> FloatMap:
         if self._size:
             image = cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
         else:
@@ -66,7 +66,7 @@ class OnnxFlow:
             image = cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
         return np.repeat(image[None, None].astype(np.float32), self._channels, axis=1)
 
-    def _restored(self, flow: FloatMap, shape: tuple[int, ...]) -> FloatMap:
+    def _restore_flow(self, flow: FloatMap, shape: tuple[int, ...]) -> FloatMap:
         if not self._size:
             return flow[: shape[0], : shape[1]]
         scale = np.array([shape[1] / self._size[0], shape[0] / self._size[1]], np.float32)

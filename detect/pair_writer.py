@@ -18,7 +18,7 @@ VISIBLE_PX = 0.05
 
 
 class PairWriter:
-    """Gathers the crops of one recording in a scratch folder; `publish` adds them to a dataset.
+    """Gathers the crops of one recording in a scratch folder, then adds them to a dataset.
 
     Args:
         scratch: An empty folder on the dataset's own disk.
@@ -33,9 +33,9 @@ class PairWriter:
         self._shards: list[Path] = []
         self.crops = 0
 
-    def add(self, index: int, image: GreyImage, displacement: FloatMap) -> None:
+    def add_crops(self, index: int, image: GreyImage, displacement: FloatMap) -> None:
         """Cuts frame `index` and its (H, W, 2) displacement into crops that cover it."""
-        for x, y in corners(image.shape, self._size_px):
+        for x, y in crop_corners(image.shape, self._size_px):
             part = np.s_[y : y + self._size_px, x : x + self._size_px]
             mask = np.linalg.norm(displacement[part], axis=-1) > VISIBLE_PX
             self._samples.append(
@@ -45,22 +45,22 @@ class PairWriter:
             )
             self._places.append((index, int(x), int(y)))
             if len(self._samples) * self._size_px**2 >= SHARD_PIXELS:
-                self._pack()
+                self._pack_shard()
 
-    def publish(self, folder: Path, split: Split) -> None:
+    def publish_shards(self, folder: Path, split: Split) -> None:
         """Moves the shards into FOLDER/split, after what it held of a recording of that name.
 
         Raises:
             BadInputError: The folder holds something else.
         """
-        self._pack()
+        self._pack_shard()
         index = pairs_index(folder / split, self._size_px)
         index["recordings"] = sorted({*index["recordings"], self._name})
         write_index(folder / split, index)
         for path in self._shards:
             path.replace(folder / split / path.name)
 
-    def _pack(self) -> None:
+    def _pack_shard(self) -> None:
         if self._samples:
             path = self._scratch / f"shard_{self._name}_{len(self._shards):05d}.npz"
             Shard.from_samples(self._samples).save(path, places=np.array(self._places, np.int32))
@@ -69,7 +69,7 @@ class PairWriter:
         self._samples, self._places = [], []
 
 
-def withdraw(folder: Path, name: str) -> None:
+def remove_recording(folder: Path, name: str) -> None:
     """Takes a recording out of every split of the dataset in FOLDER."""
     for path in folder.glob(f"*/{INDEX_NAME}"):
         index = read_index(path.parent)
@@ -103,7 +103,7 @@ def pairs_index(folder: Path, size_px: int) -> dict[str, Any]:
     return index
 
 
-def corners(shape: tuple[int, ...], size_px: int) -> IntArray:
+def crop_corners(shape: tuple[int, ...], size_px: int) -> IntArray:
     """(N, 2) top-left corners (x, y) of the fewest evenly spread crops that cover the frame.
 
     Raises:

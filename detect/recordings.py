@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 
 from detect.bos import mean_reference, texture_of, unbiased_flow
-from detect.bos_checks import Fault, FrameCheck, reference_fault
+from detect.bos_checks import FrameCheck, RecordingFault, reference_fault
 from detect.flow import Flow, flow_method
-from detect.pair_writer import PairWriter, corners, pairs_index, withdraw
+from detect.pair_writer import PairWriter, crop_corners, pairs_index, remove_recording
 from detect.synthesis.split import Split, split_of_name
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
@@ -82,7 +82,7 @@ class RecordedPairs:
     split: Split
     frames: tuple[MeasuredFrame, ...]
     crops: int
-    fault: Fault | None
+    fault: RecordingFault | None
 
     @property
     def kept(self) -> tuple[MeasuredFrame, ...]:
@@ -124,7 +124,7 @@ def record_pairs(
         if len(still) < reference:
             raise BadInputError(f"{name}: {len(still)} frames, fewer than its reference takes")
         reference = mean_reference(still)
-    corners(reference.shape, settings.size_px)
+    crop_corners(reference.shape, settings.size_px)
     fault = reference_fault(reference, still)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as scratch:
@@ -132,11 +132,11 @@ def record_pairs(
         measured: list[MeasuredFrame] = []
         if fault is None:
             chosen = islice(frames, 0, None, settings.every)
-            measured = _measure(name, chosen, reference, flow, writer)
-            fault = _verdict(measured)
-        withdraw(folder, name)
+            measured = _measure_frames(name, chosen, reference, flow, writer)
+            fault = _common_fault(measured)
+        remove_recording(folder, name)
         if fault is None:
-            writer.publish(folder, split)
+            writer.publish_shards(folder, split)
     pairs = RecordedPairs(
         name=name,
         split=split,
@@ -144,11 +144,11 @@ def record_pairs(
         crops=0 if fault else writer.crops,
         fault=fault,
     )
-    _report(pairs, reference, settings, folder / "recordings")
+    _write_report(pairs, reference, settings, folder / "recordings")
     return pairs
 
 
-def _measure(
+def _measure_frames(
     name: str,
     frames: Iterator[tuple[int, GreyImage]],
     reference: GreyImage,
@@ -164,11 +164,11 @@ def _measure(
                 "they must be of one size"
             )
         displacement, bias_px = unbiased_flow(flow, reference, image, texture)
-        check = FrameCheck.of(reference, image, displacement, bias_px, texture)
+        check = FrameCheck.compare(reference, image, displacement, bias_px, texture)
         peak_px = float(np.percentile(np.linalg.norm(displacement, axis=-1), PEAK_PERCENTILE))
         measured.append(MeasuredFrame(index=index, peak_px=peak_px, check=check))
         if check.fault is None:
-            writer.add(index, image, displacement)
+            writer.add_crops(index, image, displacement)
         elif len(measured) >= SOONEST_VERDICT and _faulty_share(measured) > 0.5:
             break
     if not measured:
@@ -180,13 +180,13 @@ def _faulty_share(frames: list[MeasuredFrame]) -> float:
     return sum(frame.check.fault is not None for frame in frames) / len(frames)
 
 
-def _verdict(frames: list[MeasuredFrame]) -> Fault | None:
+def _common_fault(frames: list[MeasuredFrame]) -> RecordingFault | None:
     """The commonest fault where too many frames have one."""
     faults = Counter(frame.check.fault for frame in frames if frame.check.fault)
     return faults.most_common(1)[0][0] if _faulty_share(frames) > MOST_FAULTY_SHARE else None
 
 
-def _report(
+def _write_report(
     pairs: RecordedPairs, reference: GreyImage, settings: PairSettings, folder: Path
 ) -> None:
     """Writes NAME.json with every frame's figures, and the reference as NAME.png."""

@@ -26,7 +26,7 @@ class Response:
     llr: tuple[float, ...]
 
     @classmethod
-    def measured(cls, ratios: FloatArray, llr: FloatArray) -> Self | None:
+    def from_samples(cls, ratios: FloatArray, llr: FloatArray) -> Self | None:
         """The means over the bins of `EDGES` that enough samples fall into; None of none.
 
         Args:

@@ -19,7 +19,7 @@ def auroc(scores: ArrayLike, labels: ArrayLike) -> float:
     Returns:
         0 to 1; NaN where one class is empty.
     """
-    scores, labels = _flat(scores, labels)
+    scores, labels = _flatten_pair(scores, labels)
     positives, negatives = int(labels.sum()), int((~labels).sum())
     if not positives or not negatives:
         return float("nan")
@@ -35,9 +35,9 @@ def average_precision(scores: ArrayLike, labels: ArrayLike) -> float:
         labels: (...) true where positive.
 
     Returns:
-        0 to 1; the share of positives for a score that says nothing; NaN without positives.
+        0 to 1; the share of positives for a score without information; NaN without positives.
     """
-    scores, labels = _flat(scores, labels)
+    scores, labels = _flatten_pair(scores, labels)
     order = np.argsort(-scores, kind="stable")
     group_ends = np.append(np.flatnonzero(np.diff(scores[order])), len(scores) - 1)
     hits = np.cumsum(labels[order])[group_ends]
@@ -47,7 +47,7 @@ def average_precision(scores: ArrayLike, labels: ArrayLike) -> float:
     return float((np.diff(hits, prepend=0) * precision).sum() / hits[-1])
 
 
-def _flat(scores: ArrayLike, labels: ArrayLike) -> tuple[FloatArray, BoolArray]:
+def _flatten_pair(scores: ArrayLike, labels: ArrayLike) -> tuple[FloatArray, BoolArray]:
     scores, labels = np.asarray(scores, dtype=float), np.asarray(labels, dtype=bool)
     if scores.shape != labels.shape:
         raise ValueError(f"{scores.shape=}, {labels.shape=}, expected the same")

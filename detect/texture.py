@@ -1,4 +1,4 @@
-"""What kind of texture an image shows where, told from the image alone."""
+"""What kind of texture an image shows where, by the image alone."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -42,10 +42,10 @@ Classes = NDArray[np.uint8]
 
 
 class Texture(IntEnum):
-    """What a single frame can be asked about depends on it."""
+    """What a single frame can measure depends on it."""
 
     FLAT = 0
-    """Nothing to see a displacement by."""
+    """No displacement can be measured."""
     LATTICE = 1
     """One or two waves hold nearly all of the contrast."""
     STRAIGHT = 2
@@ -55,7 +55,7 @@ class Texture(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spectra:
+class WindowSpectra:
     """Of W windows.
 
     Attributes:
@@ -77,14 +77,14 @@ def texture_classes(image: GreyImage) -> Classes:
         image: (H, W) grey values.
     """
     height, width = image.shape
-    starts = [_starts(side) for side in image.shape]
+    starts = [_window_starts(side) for side in image.shape]
     padding = [(0, max(WINDOW_PX - side, 0)) for side in image.shape]
     padded = np.pad(image, padding, mode="reflect")
     every = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW_PX, WINDOW_PX))
     windows = every[np.ix_(*starts)]
     spectra = window_spectra(windows.reshape(-1, WINDOW_PX, WINDOW_PX))
     contrast, periodic, straight = (
-        _spread(values.reshape(windows.shape[:2]), starts, (height, width))
+        _interpolate_windows(values.reshape(windows.shape[:2]), starts, (height, width))
         for values in (spectra.contrast, spectra.periodic, spectra.straight)
     )
     classes = np.full(image.shape, Texture.IRREGULAR, np.uint8)
@@ -94,28 +94,28 @@ def texture_classes(image: GreyImage) -> Classes:
     return classes
 
 
-def window_spectra(windows: NDArray[np.uint8]) -> Spectra:
+def window_spectra(windows: NDArray[np.uint8]) -> WindowSpectra:
     """Measures (W, 64, 64) windows."""
     waves = windows.astype(np.float32)
     waves -= waves.mean(axis=(1, 2), keepdims=True)
     spectrum = scipy.fft.rfft2(waves * HANN)
     power = spectrum.real**2 + spectrum.imag**2
     noise = np.median(power[:, NOISY], axis=1) / np.log(2)
-    total = _flat(power) @ COUNTED + EMPTY
+    total = _flatten_power(power) @ COUNTED + EMPTY
     power = np.maximum(power - 2 * noise[:, None, None], 0) * BAND
-    above, steep, *turns = (_flat(power) @ MOMENTS).T
-    first, around = _strongest(power)
-    held = _flat(power * around) @ COUNTED
-    power *= ~around & _crosses(first)
-    held += _flat(power * _strongest(power)[1]) @ COUNTED
-    return Spectra(
+    above, steep, *turns = (_flatten_power(power) @ MOMENTS).T
+    first, around = _strongest_peaks(power)
+    held = _flatten_power(power * around) @ COUNTED
+    power *= ~around & _crossing_mask(first)
+    held += _flatten_power(power * _strongest_peaks(power)[1]) @ COUNTED
+    return WindowSpectra(
         contrast=np.sqrt(above),
         periodic=np.minimum(held, above) / total,
         straight=np.maximum(np.hypot(*turns[:2]), np.hypot(*turns[2:])) / (steep + EMPTY),
     )
 
 
-def _strongest(power: FloatMap) -> tuple[FloatMap, NDArray[np.bool_]]:
+def _strongest_peaks(power: FloatMap) -> tuple[FloatMap, NDArray[np.bool_]]:
     """The (W, 2) frequency (x, y) of the highest peaks, and which frequencies belong to them."""
     places = power.reshape(len(power), -1).argmax(axis=1)
     peaks = np.stack([FREQUENCY_X.ravel()[places], FREQUENCY_Y.ravel()[places]], axis=-1)
@@ -125,24 +125,26 @@ def _strongest(power: FloatMap) -> tuple[FloatMap, NDArray[np.bool_]]:
     return peaks, near | mirrored
 
 
-def _crosses(peaks: FloatMap) -> NDArray[np.bool_]:
+def _crossing_mask(peaks: FloatMap) -> NDArray[np.bool_]:
     """Which frequencies stand at 30 degrees or more to the (W, 2) peaks."""
     x, y = peaks[:, 0, None, None], peaks[:, 1, None, None]
     length = np.maximum(np.hypot(x, y), EMPTY)
     return np.abs(x * FREQUENCY_Y - y * FREQUENCY_X) > CROSSING * length * FREQUENCY
 
 
-def _flat(power: FloatMap) -> FloatMap:
+def _flatten_power(power: FloatMap) -> FloatMap:
     return power.reshape(len(power), -1)
 
 
-def _starts(side: int) -> NDArray[np.int64]:
+def _window_starts(side: int) -> NDArray[np.int64]:
     """Where the windows along one axis begin: about 48 px apart, the last one at the end."""
     last = max(side - WINDOW_PX, 0)
     return np.linspace(0, last, 1 + -(-last // STEP_PX)).astype(np.int64)
 
 
-def _spread(values: FloatMap, starts: list[NDArray[np.int64]], shape: tuple[int, ...]) -> FloatMap:
+def _interpolate_windows(
+    values: FloatMap, starts: list[NDArray[np.int64]], shape: tuple[int, ...]
+) -> FloatMap:
     """(H, W) of one value a window, linear between the windows' middles."""
     steps = [at[1] - at[0] if len(at) > 1 else 1 for at in starts]
     y, x = (

@@ -19,7 +19,7 @@ from benchmarks.reliability.picture import along, picture, row
 from benchmarks.reliability.recordings import FLOWS, SEEDS, flow_of, scene_of
 from benchmarks.reliability.tables import found_over_limit, log_loss, report
 from benchmarks.survey.sightings import plume_at
-from detect.calibration import logistic
+from detect.calibration import fit_logistic
 from geometry.arrays import FloatArray
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
@@ -61,7 +61,7 @@ def test_logistic_regression_finds_what_drew_the_labels() -> None:
     x = rng.uniform(0, 10, 4000)
     probability = 1 / (1 + np.exp(2 - 0.5 * x))
     labels = rng.random(4000) < probability
-    assert logistic(x[:, None], labels) == pytest.approx((0.5, -2), abs=0.3)
+    assert fit_logistic(x[:, None], labels) == pytest.approx((0.5, -2), abs=0.3)
     assert log_loss(probability, labels) < log_loss(np.full(4000, labels.mean()), labels)
 
 

@@ -81,7 +81,7 @@ def compare_methods(data: Path, methods: Sequence[str]) -> None:
             if name == BLOWTORCH[0]:
                 agreement = " | ".join(piv_row(w, piv, k) for k, piv in enumerate(read_piv(folder)))
             large = np.percentile(np.linalg.norm(w, axis=-1), 99)
-            fault = FrameCheck.of(reference, image, w, bias_px, texture).fault
+            fault = FrameCheck.compare(reference, image, w, bias_px, texture).fault
             print(f"| {name} | {method} | {agreement} | {large:.2f} | {fault and fault.name} | "
                   f"{seconds:.1f} | {peak_mib():.0f} |", flush=True)  # fmt: skip
 
@@ -92,7 +92,7 @@ def network_row(path: Path, image: GreyImage, truth: FloatMap | None) -> str:
     estimate = estimator.estimate(image)
     logit, size = estimate.scores[..., 0], np.linalg.norm(estimate.displacement, axis=-1)
     evidence = "-"
-    if estimator.network.json("calibration") is not None:
+    if estimator.network.read_metadata("calibration") is not None:
         evidence = f"{(DybsDetector(path).to_detection(estimate).llr > 1).mean():.4f}"
     said = f"{size.mean():.3f} | {(logit > 0).mean():.3f} | {evidence}"
     if truth is None:

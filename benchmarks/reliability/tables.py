@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import expit
 
 from benchmarks.reliability.outcomes import ProbabilityBin, RecordingOutcome, Share, binned
-from detect.calibration import logistic
+from detect.calibration import fit_logistic
 from detect.kinds import LEARNED_RELIABILITY
 from geometry.arrays import BoolArray, FloatArray
 
@@ -103,7 +103,7 @@ def believable(every: Sequence[RecordingOutcome]) -> str:
     true = np.array([one.true(one.unasked) for one in told])
     if true.all() or not true.any():
         return "all of the strongest plumes are true, or none is"
-    slope, level = logistic(nats[:, None], true)
+    slope, level = fit_logistic(nats[:, None], true)
     rightly = expit(LEARNED_RELIABILITY.offset + LEARNED_RELIABILITY.slope_per_nat * nats)
     loss, chance = (log_loss(p, true) for p in (rightly, np.full(len(true), true.mean())))
     return (

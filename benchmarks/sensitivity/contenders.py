@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks.common.filmed import Recorded
 from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
-from detect.fused import SHARED, fused
+from detect.fused import ERROR_CORRELATION, fuse_pair
 from detect.kinds import DYBS, REGISTERED
 from detect.registered import RegisteredDetector
 
@@ -34,5 +34,5 @@ class ComparedDetectors:
                 told["learned"].append(best)
             if self._dybs is not None:
                 told["dybs"].append(self._dybs.detect(Frames(images=list(sequence.images)), k))
-                told["fused"].append(fused(best, told["dybs"][-1], SHARED))
+                told["fused"].append(fuse_pair(best, told["dybs"][-1], ERROR_CORRELATION))
         return told

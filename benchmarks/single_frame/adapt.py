@@ -109,7 +109,7 @@ def of_pair(reference: GreyImage, image: GreyImage) -> DistortedImage:
 def row(weights: Path, judged: list[DistortedImage]) -> str:
     """AUROC / AP of the logit, r, error / of zero, and share of still pixels above 2 nats."""
     estimator, thin = SingleFrameEstimator(weights), (slice(None, None, THINNED),) * 2
-    calibrated = estimator.network.json("calibration") is not None
+    calibrated = estimator.network.read_metadata("calibration") is not None
     detector = DybsDetector(weights) if calibrated else None
     scores, labels, found, true, said, pixels, errors, sizes = [], [], [], [], [], [], [], []
     for one in judged:
@@ -158,7 +158,9 @@ def compare(
         began = time.process_time()
         adapt(start, known, path, minutes=minutes, report=lambda *_: None)
         spent = time.process_time() - began
-        heard = ", ".join((SingleFrameEstimator(path).network.json("calibration") or {})["classes"])
+        heard = ", ".join(
+            (SingleFrameEstimator(path).network.read_metadata("calibration") or {})["classes"]
+        )
         print(
             f"{name} {size}, adapted: {row(path, judged)}   {spent:.0f} CPU s, "
             f"heard: {heard or 'nothing'}",

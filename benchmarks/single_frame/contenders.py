@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from detect.calibration import posterior
+from detect.calibration import posterior_probability
 from detect.detection import Detection
 from detect.dybs import DybsDetector
 from detect.dybs.detector import CLASS_NAMES
@@ -91,5 +91,5 @@ def probability(detector: DybsDetector, estimate: Estimate, seen: Detection) -> 
     stated = np.full(seen.llr.shape, np.nan, np.float32)
     for name, scale in detector.calibration.scales.items():
         members = estimate.texture == CLASS_NAMES.index(name)
-        stated[members] = posterior(seen.llr[members], scale.prior)
+        stated[members] = posterior_probability(seen.llr[members], scale.prior)
     return stated

@@ -46,7 +46,7 @@ class DybsDetector:
     def __init__(self, weights: Path) -> None:
         self.estimator = SingleFrameEstimator(weights)
         self.calibration = Calibration.from_plain(
-            self.estimator.network.json("calibration"), str(weights)
+            self.estimator.network.read_metadata("calibration"), str(weights)
         )
         if self.calibration.scores != SCORES:
             raise BadInputError(f"{weights}: calibrated for other scores; calibrate it anew")
@@ -56,7 +56,7 @@ class DybsDetector:
         image = frames.images[index]
         measurement = RefinedMeasurement.of_image(image, self.estimator.refinement)
         if not self._has_evidence(measurement.texture).any():
-            return Detection.silent(image.shape)
+            return Detection.without_evidence(image.shape)
         return self.to_detection(combine_estimates(self.estimator.network_maps(image), measurement))
 
     def to_detection(self, estimate: Estimate) -> Detection:

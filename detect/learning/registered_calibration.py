@@ -97,7 +97,7 @@ def fitted(weights: Path, clips: Iterable[TrainingClip]) -> tuple[Calibration, R
         class_names=CLASS_NAMES,
     )
     llr = calibration.llr(scores, places, CLASS_NAMES)
-    return calibration, Response.measured(ratios[llr != 0], llr[llr != 0])
+    return calibration, Response.from_samples(ratios[llr != 0], llr[llr != 0])
 
 
 def calibrate(weights: Path, clips: Iterable[TrainingClip]) -> Calibration:

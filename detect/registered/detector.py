@@ -70,7 +70,7 @@ class RegisteredDetector:
         """
         measured = self.measure(frames, index)
         if measured is None:
-            return Detection.silent(frames.images[index].shape, depth=True)
+            return Detection.without_evidence(frames.images[index].shape, depth=True)
         return self.to_detection(*measured)
 
     def to_detection(self, measurement: Measurement, inverse_depth_unit: float) -> Detection:

@@ -94,7 +94,7 @@ class EvidenceNetwork:
             BadInputError: There is none, or it is of other scores.
         """
         where = str(self.network.path)
-        calibration = Calibration.from_plain(self.network.json("calibration"), where)
+        calibration = Calibration.from_plain(self.network.read_metadata("calibration"), where)
         if calibration.scores != SCORES:
             raise BadInputError(f"{where}: calibrated for other scores; calibrate it anew")
         return calibration
@@ -105,7 +105,7 @@ class EvidenceNetwork:
         Raises:
             BadInputError: It is something else.
         """
-        content = self.network.json("response")
+        content = self.network.read_metadata("response")
         return None if content is None else Response.from_plain(content, str(self.network.path))
 
     def evaluate(self, inputs: FloatMap) -> NetworkOutput:

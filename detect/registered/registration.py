@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from detect.differential import Window
+from detect.differential import LeastSquaresWindow
 from detect.flow import dis_matcher
 from detect.registered.pose_errors import SOME, PoseErrors
 from detect.registered.robust_separation import RegisteredNeighbours, median_map, separate_robust
@@ -82,7 +82,7 @@ class Registration:
         self._grey = image.astype(np.float32)
         self._smooth = blur(self._grey, PRESMOOTHING_PX)
         self._gradients = gradients(self._smooth)
-        self._window = Window(*self._gradients, WINDOW_PX, NOISE)
+        self._window = LeastSquaresWindow(*self._gradients, WINDOW_PX, NOISE)
         self._texture = self._texture_within(WINDOW_PX)
 
     def measure(self) -> Measurement:

@@ -72,7 +72,7 @@ class PlumeEngine:
         try:
             detection = detector.detect(task.frames, task.row)
         except BadInputError:
-            detection = Detection.silent(task.key.image.shape, depth=True)
+            detection = Detection.without_evidence(task.key.image.shape, depth=True)
         with self._adding:
             if task.window is not self._window:
                 return updates

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from detect.bos import mean_reference, texture_of, unbiased_flow
-from detect.bos_checks import Fault, FrameCheck, reference_fault
+from detect.bos_checks import FrameCheck, RecordingFault, reference_fault
 from detect.differential import horn_schunck
 from geometry.arrays import GreyImage
 from tests.detect.scenes import Texture, photographed, ring_displacement
@@ -23,7 +23,7 @@ REFERENCE = mean_reference([seen(0 * LENS, 100 + k) for k in range(10)])
 def checked(image: GreyImage) -> FrameCheck:
     texture = texture_of(REFERENCE)
     flow, bias_px = unbiased_flow(horn_schunck, REFERENCE, image, texture)
-    return FrameCheck.of(REFERENCE, image, flow, bias_px, texture)
+    return FrameCheck.compare(REFERENCE, image, flow, bias_px, texture)
 
 
 def turned(degrees: float) -> np.ndarray:
@@ -42,18 +42,18 @@ def test_brightness_of_the_whole_frame_is_told() -> None:
     image = seen(LENS, seed=1)
     brighter = np.rint(image * 1.02).clip(0, 255).astype(np.uint8)
     assert checked(brighter).light == pytest.approx(0.02, abs=0.002)
-    assert checked(brighter).fault is Fault.LIGHT
+    assert checked(brighter).fault is RecordingFault.LIGHT
 
 
 def test_a_shadow_over_one_half_is_told() -> None:
     image = seen(LENS, seed=1).astype(float)
     image[:, : SHAPE[1] // 2] *= 0.97
-    assert checked(np.rint(image).astype(np.uint8)).fault is Fault.LIGHT
+    assert checked(np.rint(image).astype(np.uint8)).fault is RecordingFault.LIGHT
 
 
 @pytest.mark.parametrize("moved", [np.array([1.3, 0.2]), turned(0.12), 0.002 * np.dstack([X, Y])])
 def test_a_camera_that_moved_is_told(moved: np.ndarray) -> None:
-    assert checked(seen(LENS + moved, seed=1)).fault is Fault.MOVED
+    assert checked(seen(LENS + moved, seed=1)).fault is RecordingFault.MOVED
 
 
 def test_a_turn_too_small_to_matter_passes() -> None:
@@ -63,7 +63,7 @@ def test_a_turn_too_small_to_matter_passes() -> None:
 def test_something_that_came_into_view_is_told() -> None:
     image = seen(LENS, seed=1)
     image[30:90, 70:125] = 60
-    assert checked(image).fault is Fault.INTRUDED
+    assert checked(image).fault is RecordingFault.INTRUDED
 
 
 def test_a_good_reference_has_no_fault() -> None:
@@ -74,14 +74,14 @@ def test_a_good_reference_has_no_fault() -> None:
 def test_a_plume_that_sways_in_the_reference_is_told() -> None:
     rng = np.random.default_rng(0)
     images = [seen(LENS * rng.uniform(-1, 1), k) for k in range(9)]
-    assert reference_fault(mean_reference(images), images) is Fault.PLUME
+    assert reference_fault(mean_reference(images), images) is RecordingFault.PLUME
 
 
 def test_an_overexposed_reference_is_told() -> None:
     bright = np.minimum(REFERENCE.astype(int) * 2, 255).astype(np.uint8)
-    assert reference_fault(bright) is Fault.CLIPPED
+    assert reference_fault(bright) is RecordingFault.CLIPPED
 
 
 def test_a_blank_wall_is_told() -> None:
     wall = photographed(np.full(SHAPE, 120.0), seed=0, noise=0.3)
-    assert reference_fault(wall) is Fault.BLANK
+    assert reference_fault(wall) is RecordingFault.BLANK

@@ -6,9 +6,9 @@ from scipy.special import expit
 
 from detect.calibration import (
     Calibration,
-    Scale,
+    ClassCalibration,
     expected_calibration_error,
-    posterior,
+    posterior_probability,
 )
 from geometry.errors import BadInputError
 
@@ -39,7 +39,7 @@ def calibration() -> Calibration:
 
 def test_the_true_likelihood_ratio_is_found_whatever_the_prior() -> None:
     for prior in (0.03, 0.3):
-        scale = Scale.fit(*drawn(prior=prior))
+        scale = ClassCalibration.fit(*drawn(prior=prior))
         assert scale is not None
         assert scale.weights == pytest.approx((2, 0), abs=0.1)
         middle = scale.llr(np.array([[1.0, 0.0], [1.5, 0.0]], np.float32))
@@ -64,18 +64,18 @@ def test_too_few_of_a_kind_are_silent() -> None:
     scores, labels = drawn()
     few = np.flatnonzero(labels)[::25]
     rows = np.concatenate([few, np.flatnonzero(~labels)])
-    assert Scale.fit(scores[rows], labels[rows]) is None
+    assert ClassCalibration.fit(scores[rows], labels[rows]) is None
 
 
 def test_a_score_that_means_the_opposite_elsewhere_is_silent() -> None:
     scores, labels = drawn()
     scores[20_000:, 0] *= -1
-    assert Scale.fit(scores, labels) is None
+    assert ClassCalibration.fit(scores, labels) is None
 
 
 def test_a_perfect_score_keeps_a_finite_slope() -> None:
     labels = np.arange(2000) % 2 == 0
-    scale = Scale.fit(np.where(labels, 1.0, -1.0)[:, None], labels)
+    scale = ClassCalibration.fit(np.where(labels, 1.0, -1.0)[:, None], labels)
     assert scale is not None
     assert 2 < scale.weights[0] < 20
 
@@ -114,11 +114,11 @@ def test_calibration_error_of_honest_and_of_bold_probabilities() -> None:
 
 
 def test_evidence_of_zero_leaves_the_prior(calibration: Calibration) -> None:
-    assert posterior(np.zeros(1, np.float32), 0.2) == pytest.approx(0.2)
+    assert posterior_probability(np.zeros(1, np.float32), 0.2) == pytest.approx(0.2)
 
 
 def test_fitted_probabilities_are_calibrated(calibration: Calibration) -> None:
     scores, labels = drawn()
     scale = calibration.scales["loud"]
-    stated = posterior(scale.llr(scores.astype(np.float32)), scale.prior)
+    stated = posterior_probability(scale.llr(scores.astype(np.float32)), scale.prior)
     assert expected_calibration_error(stated, labels) < 0.02

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from detect.detection import Detection, Frames
-from detect.fused import FusedDetector, fused
+from detect.fused import FusedDetector, fuse_pair
 from detect.response import Response
 
 
@@ -28,26 +28,26 @@ def value(detection: Detection) -> float:
 def test_evidence_is_a_discounted_sum_within_bounds(
     first: float, second: float, expected: float
 ) -> None:
-    answer = fused(one(first, sigma_px=0.1), one(second, sigma_px=0.1), 0.5)
+    answer = fuse_pair(one(first, sigma_px=0.1), one(second, sigma_px=0.1), 0.5)
     assert value(answer) == pytest.approx(expected)
 
 
 def test_silent_helper_changes_nothing() -> None:
     first = one(1.3, w=0.2, sigma_px=0.1)
-    answer = fused(first, one(0.0, w=5.0, sigma_px=0.001), 0.5)
+    answer = fuse_pair(first, one(0.0, w=5.0, sigma_px=0.001), 0.5)
     assert value(answer) == pytest.approx(1.3)
     assert answer.displacement == pytest.approx(first.displacement)
     assert answer.sigma_px == pytest.approx(first.sigma_px)
 
 
 def test_helper_fills_in_where_the_first_measured_nothing() -> None:
-    answer = fused(one(0.0, w=np.nan), one(2.0, w=0.3, sigma_px=0.05), 0.5)
+    answer = fuse_pair(one(0.0, w=np.nan), one(2.0, w=0.3, sigma_px=0.05), 0.5)
     assert answer.displacement == pytest.approx(np.full((1, 1, 2), 0.3))
     assert answer.sigma_px[0, 0] == pytest.approx(0.05)
 
 
 def test_nothing_measured_stays_unmeasured() -> None:
-    answer = fused(one(0.0), one(0.0), 0.5)
+    answer = fuse_pair(one(0.0), one(0.0), 0.5)
     assert np.isinf(answer.sigma_px).all()
     assert not answer.displacement.any()
 
@@ -67,7 +67,7 @@ def test_sigma_of_the_mean_is_that_of_correlated_errors(shared: float) -> None:
         sigma_px=np.full((1, len(errors)), 0.2, np.float32),
         llr=np.ones((1, len(errors)), np.float32),
     )
-    answer = fused(first, second, shared)
+    answer = fuse_pair(first, second, shared)
     assert answer.displacement.std() == pytest.approx(float(answer.sigma_px[0, 0]), rel=0.02)
 
 

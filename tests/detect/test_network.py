@@ -23,7 +23,7 @@ def test_it_says_what_its_file_says(tiny: Path) -> None:
     assert (network.name, network.stride, network.channels) == ("tiny", 4, 3)
     assert network.receptive_px == 8
     assert network.outputs == ["flow", "logit"]
-    assert network.json("calibration") is None
+    assert network.read_metadata("calibration") is None
 
 
 @pytest.mark.parametrize("shape", [(16, 20), (17, 21), (3, 40), (1, 1)])
@@ -97,4 +97,4 @@ def test_broken_json_in_the_metadata_is_reported(tmp_path: Path) -> None:
     kernels = {"flow": np.ones((2, 1, 1, 1))}
     path = convolution(tmp_path / "broken.onnx", kernels, calibration="{")
     with pytest.raises(BadInputError, match="calibration"):
-        Network(path).json("calibration")
+        Network(path).read_metadata("calibration")

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detect.bos_checks import Fault
-from detect.pair_writer import corners
+from detect.bos_checks import RecordingFault
+from detect.pair_writer import crop_corners
 from detect.recordings import PairSettings, RecordedPairs, record_pairs
 from detect.synthesis import Recipe, render_dataset, shards_in
 from detect.synthesis.split import split_of_name
@@ -96,7 +96,7 @@ def test_one_bad_frame_in_many_is_left_out(tmp_path: Path) -> None:
 def test_a_bad_recording_is_refused_and_its_old_pairs_go(tmp_path: Path) -> None:
     record(tmp_path, plumes=2)
     pairs = record(tmp_path, plumes=4, faulty=3)
-    assert pairs.fault is Fault.LIGHT
+    assert pairs.fault is RecordingFault.LIGHT
     assert not pairs.kept
     assert not list(tmp_path.glob("*/shard_*"))
     report = json.loads((tmp_path / "recordings/first.json").read_text())
@@ -107,7 +107,7 @@ def test_a_bad_recording_is_refused_and_its_old_pairs_go(tmp_path: Path) -> None
 
 def test_a_hopeless_recording_is_not_measured_to_its_end(tmp_path: Path) -> None:
     pairs = record(tmp_path, plumes=40, faulty=40)
-    assert pairs.fault is Fault.LIGHT
+    assert pairs.fault is RecordingFault.LIGHT
     assert len(pairs.frames) == 10
 
 
@@ -158,7 +158,7 @@ def test_frames_smaller_than_a_crop_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("shape", "count"), [((96, 96), 1), ((96, 97), 2), ((200, 300), 12)])
 def test_crops_cover_the_frame(shape: tuple[int, int], count: int) -> None:
     covered = np.zeros(shape, bool)
-    places = corners(shape, 96)
+    places = crop_corners(shape, 96)
     for x, y in places:
         part = covered[y : y + 96, x : x + 96]
         assert part.shape == (96, 96)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detect.calibration import Calibration, Scale
+from detect.calibration import Calibration, ClassCalibration
 from detect.learning.augmentation import augment_sample
 from detect.learning.clips import KINDS, TrainingClip, clip_path
 from detect.learning.config import AugmentationConfig, PoolConfig, TrainConfig
@@ -27,7 +27,7 @@ from tests.detect.onnx_files import convolution
 from tests.detect.scenes import TwoWalls
 
 CHANNELS = len(FEATURES)
-RICH_ONLY = {"scores": list(SCORES), "classes": {"rich": vars(Scale(
+RICH_ONLY = {"scores": list(SCORES), "classes": {"rich": vars(ClassCalibration(
     weights=(1.0, 0.0), offset=-2.0, prior=0.1, auroc=0.9))}}  # fmt: skip
 SHAPE = (32, 48)
 
@@ -266,7 +266,7 @@ def test_calibration_makes_the_score_a_log_likelihood_ratio(
         clip(0.3, seed=seed, shape=(48, 64)).save(clip_path(tmp_path, seed))
     path = network(tmp_path / "n.onnx", calibration=None)
     main([str(path), "--lessons", str(tmp_path), "--seeds", "0", "8"])
-    assert "rich: Scale" in capsys.readouterr().out
+    assert "rich: ClassCalibration" in capsys.readouterr().out
     evidence_network = EvidenceNetwork(path)
     calibration = evidence_network.read_calibration()
     assert set(calibration.scales) == {"rich"}

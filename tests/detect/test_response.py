@@ -10,7 +10,7 @@ LINE = Response(ratios=(0.0, 2.0, 4.0), llr=(-1.0, 1.0, 2.0))
 def test_what_a_detector_gave_comes_back() -> None:
     rng = np.random.default_rng(0)
     ratios = np.append(rng.uniform(0, 12, 200_000), [20.0, 30.0])
-    response = Response.measured(ratios, ratios / 3 - 1 + rng.normal(size=len(ratios)))
+    response = Response.from_samples(ratios, ratios / 3 - 1 + rng.normal(size=len(ratios)))
     assert response is not None
     assert max(response.ratios) < 13, "too few are larger"
     sizes_px = np.array([[0.02, 0.3], [0.6, 0.9]], np.float32)
@@ -24,7 +24,7 @@ def test_it_is_linear_between_the_ratios_and_constant_beyond() -> None:
 
 
 def test_too_few_samples_are_no_response() -> None:
-    assert Response.measured(np.ones(99), np.ones(99)) is None
+    assert Response.from_samples(np.ones(99), np.ones(99)) is None
 
 
 def test_it_comes_back_from_json() -> None:

@@ -32,7 +32,7 @@ def test_a_file_is_a_file_and_a_typo_is_named(tmp_path: Path) -> None:
 
 
 def test_the_shipped_weights_are_those_of_the_shipped_training() -> None:
-    told = Network(DYBS.find_weights()).json("trained_on")
+    told = Network(DYBS.find_weights()).read_metadata("trained_on")
     config = TrainConfig.load(config_path(Path("lite-fast")))
     assert config.weights_digest(told["steps"]) == told["config"]
 

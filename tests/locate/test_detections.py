@@ -27,7 +27,7 @@ class Blind:
         self.response = response
 
     def detect(self, frames: Frames, index: int) -> Detection:
-        return Detection.silent(frames.images[index].shape, depth=True)
+        return Detection.without_evidence(frames.images[index].shape, depth=True)
 
 
 @pytest.mark.parametrize("response", [SAYS, None])

@@ -480,7 +480,7 @@ def test_best_interval_is_the_largest_run_sum() -> None:
 
 
 def test_frames_without_evidence_are_counted() -> None:
-    mute = Detection.silent((4, 6), depth=True)
+    mute = Detection.without_evidence((4, 6), depth=True)
     seen = replace(mute, llr=np.ones((4, 6), np.float32))
     (note,) = empty_frames_notes([mute, seen, mute], DetectorChoice.parse("registered+dybs"))
     assert note.startswith("2 of 3 frames")
