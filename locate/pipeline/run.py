@@ -16,6 +16,7 @@ from locate.pipeline.detections import WHOLE
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
+from locate.pipeline.left_out import left_out_notes
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
 from locate.pipeline.source import RecordingSource
@@ -187,7 +188,10 @@ class Run:
 
     def _fuse(self, plan: MeasurementPlan) -> None:
         at_rest = plan.posed.trajectory is None
-        notes = self.source.focal_notes(plan.key_frames, at_rest=at_rest)
+        notes = (
+            *self.source.focal_notes(plan.key_frames, at_rest=at_rest),
+            *left_out_notes(plan.key_frames, plan.posed.indices, given=self.source.has_given_poses),
+        )
         self.folder.stage(
             "fusion",
             after=("detections",),

@@ -83,6 +83,11 @@ class RecordingSource:
             return read_named_poses(self.config.poses, self.known_camera(key_frames))
         return None if self.bag is None else self.bag.poses(self.known_camera(key_frames))
 
+    @property
+    def has_given_poses(self) -> bool:
+        """The poses are the user's or the bag's, where it has some."""
+        return self.config.poses is not None or (self.bag is not None and self.bag.has_poses)
+
     def telemetry(self) -> tuple[Path, ...]:
         """The files that may say where the recording was made; a bag needs none."""
         if self.bag is not None and self.config.telemetry is None:
