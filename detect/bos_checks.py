@@ -37,7 +37,7 @@ class RecordingFault(Enum):
     INTRUDED = "the scene is not that of the reference: keep people and objects out of view"
     CLIPPED = "the reference is over- or underexposed: change the exposure"
     BLANK = "the background has too little texture: print one with `locate pattern`"
-    PLUME = "a plume stands in the reference already: record it before the heat is on"
+    PLUME = "a plume is in the reference already: record it before the heat is on"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,7 +56,7 @@ def displacement_evidence(
 def null_scale(
     size_px: FloatMap, sigma_px: FloatMap, texture: FloatMap, measured: BoolArray
 ) -> FloatMap:
-    """By what to multiply sigma so that the calmer pixels scatter as it says.
+    """By what to multiply sigma so that the calmer pixels scatter as stated.
 
     Plumes cover the smaller part of a frame, so its lower quantiles hold none: an empirical null
     (Efron, JASA 2004), per class of texture. Never below one half.

@@ -15,16 +15,16 @@ ERROR_CORRELATION = 0.5
 class FusedDetector:
     """A detector that another one helps, where that one has something to say.
 
-    The two look at different things, a frame against others and the texture within it, so their
+    The two measure different things, a frame against others and the texture within it, so their
     evidence adds up; but noise, compression and whatever moves in the frame reach both, so what
-    the helper says counts as 1 - `shared` of it wherever both speak. The sum stays within the
-    bounds of any single one.
+    the helper measures counts as 1 - `shared` of it wherever both have evidence. The sum stays
+    within the bounds of any single one.
 
     Args:
         first: Is believed as it is.
         second: Helps; where its llr is 0 it changes nothing.
         shared: Correlation of their errors: at 0 the evidence is summed, at 1 the second only
-            fills in where the first is silent.
+            fills in where the first has no evidence.
     """
 
     def __init__(

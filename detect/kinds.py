@@ -117,7 +117,7 @@ recordings 61: 80 are required of 16."""
 
 LEARNED_RELIABILITY = PlumeReliability(offset=-2.002, slope_per_nat=0.446)
 """By logistic regression over the strongest plumes of 55 random plants
-(`python -m benchmarks.reliability`; docs/seeing.md says which, and how it did on others)."""
+(`python -m benchmarks.reliability`; docs/seeing.md lists them, and the results on others)."""
 
 EMPTY_FRAMES_NOTE = (
     "{empty} of {frames} frames hold no evidence: they could not be registered well enough for "

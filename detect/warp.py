@@ -17,7 +17,7 @@ def pixel_grid(shape: tuple[int, ...]) -> FloatMap:
 def doubled(image: np.ndarray) -> FloatMap:
     """The image at twice its size, its own pixels untouched: pixel p lies at 2 p.
 
-    Between them stands a symmetric six-tap filter, so nothing moves.
+    Between them is a symmetric six-tap filter, so nothing moves.
     """
     height, width = image.shape
     image = image.astype(np.float32)

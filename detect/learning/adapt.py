@@ -40,7 +40,7 @@ def fine_tune(
     *,
     steps: int,
     data: str,
-    says: Mapping[str, str],
+    metadata: Mapping[str, str],
     report: Report,
 ) -> None:
     """Trains a network on and writes it.
@@ -53,8 +53,8 @@ def fine_tune(
         path: The .onnx file to write.
         steps: How many.
         data: A line for the metadata: what it learned from.
-        says: More metadata.
-        report: Told of progress, (what, share done).
+        metadata: More of it.
+        report: Called with the progress, (what, share done).
 
     Raises:
         BadInputError: The start is not a network of ours, or PATH cannot be written.
@@ -87,7 +87,7 @@ def fine_tune(
     save_network(network.eval(), path, config.name, kind.channels, trained_on)
     model = onnx.load(path)
     props = {entry.key: entry.value for entry in model.metadata_props}
-    onnx.helper.set_model_props(model, props | dict(says))
+    onnx.helper.set_model_props(model, props | dict(metadata))
     onnx.save(model, path)
 
 

@@ -20,11 +20,11 @@ from geometry.arrays import GreyImage
 HELD_OUT = 5
 """Of so many images, one is not learned from."""
 CROPS_PER_MINUTE, STEPS_PER_MINUTE = 300, 500
-JUDGED = 16
+SAMPLES = 16
 WHOLE_PX = 512
 """Larger than what is learned from: what it learned of the edges of samples must not count."""
 THINNED = 5
-SILENT = Calibration(scores=SCORES, scales={})
+NO_EVIDENCE = Calibration(scores=SCORES, scales={})
 """Of a network that learned from one image: its noise is a part of what it knows, and samples of
 that same image would call evidence what is other noise."""
 
@@ -54,18 +54,18 @@ class Adapted:
 
     Attributes:
         learned: From how many images.
-        held_out: How many others it was judged on; 0 where there was but one, which was then
-            judged through other plumes.
+        held_out: How many others it was scored on; 0 where there was but one, which was then
+            scored through other plumes.
         before: The network it began with, on the same samples.
         after: The adapted one.
-        heard: The texture classes that it has evidence in; none from a single image.
+        reliable_classes: The texture classes that it has evidence in; none from a single image.
     """
 
     learned: int
     held_out: int
     before: Score
     after: Score
-    heard: tuple[str, ...]
+    reliable_classes: tuple[str, ...]
 
 
 def adapt(
@@ -79,7 +79,7 @@ def adapt(
 ) -> Adapted:
     """Fine-tunes a network on images of one's own, calibrates it, and writes it.
 
-    It learns at half the images' size, where synthesis cannot leak, and its file says so by
+    It learns at half the images' size, where synthesis cannot leak, and its file states this by
     `scale`. How many samples and steps a minute has is fixed, about what a thread of an ordinary
     processor does: the result does not depend on how busy the machine is.
 
@@ -89,7 +89,7 @@ def adapt(
         path: The .onnx file to write.
         minutes: About half goes into samples, half into steps.
         seed: Of every random choice.
-        report: Told of progress, (what, share done).
+        report: Called with the progress, (what, share done).
 
     Raises:
         BadInputError: The start is not a network of ours, an image is too small, or PATH cannot
@@ -116,7 +116,7 @@ def adapt(
     )
     report("samples", 1)
     unfinished = path.with_name(f".{path.name}.partial")
-    watched = sample_own_images(held, JUDGED, seed=seed + 2, scale=HALF_SCALE)
+    watched = sample_own_images(held, SAMPLES, seed=seed + 2, scale=HALF_SCALE)
     steps = max(round(minutes * STEPS_PER_MINUTE), 2)
     data = f"{len(learned)} images of its user"
     try:
@@ -128,22 +128,24 @@ def adapt(
             unfinished,
             steps=steps,
             data=data,
-            says={"scale": str(HALF_SCALE), "calibration": json.dumps(SILENT.to_plain())},
+            metadata={"scale": str(HALF_SCALE), "calibration": json.dumps(NO_EVIDENCE.to_plain())},
             report=report,
         )
         report("calibration", 0)
-        calibration = SILENT
+        calibration = NO_EVIDENCE
         if held is not learned:
-            reference = sample_own_images(held, JUDGED, seed=seed + 3, scale=1, largest_px=WHOLE_PX)
-            repeats = -(-JUDGED // len(held))
+            reference = sample_own_images(
+                held, SAMPLES, seed=seed + 3, scale=1, largest_px=WHOLE_PX
+            )
+            repeats = -(-SAMPLES // len(held))
             calibration = calibrate(unfinished, chain(each(reference), as_they_are(held, repeats)))
-        judged = sample_own_images(held, JUDGED, seed=seed + 4, scale=1, largest_px=WHOLE_PX)
+        scored = sample_own_images(held, SAMPLES, seed=seed + 4, scale=1, largest_px=WHOLE_PX)
         answer = Adapted(
             learned=len(learned),
             held_out=0 if held is learned else len(held),
-            before=score(start, each(judged)),
-            after=score(unfinished, each(judged)),
-            heard=tuple(calibration.scales),
+            before=score(start, each(scored)),
+            after=score(unfinished, each(scored)),
+            reliable_classes=tuple(calibration.scales),
         )
         unfinished.replace(path)
     finally:
@@ -153,7 +155,7 @@ def adapt(
 
 
 def divided(images: Sequence[GreyImage]) -> tuple[Sequence[GreyImage], Sequence[GreyImage]]:
-    """The images to learn from, and those to judge by; a single one is both."""
+    """The images to learn from, and those to score by; a single one is both."""
     if len(images) < 2:
         return images, images
     held = set(range(HELD_OUT // 2, len(images), HELD_OUT)) or {len(images) - 1}
@@ -167,7 +169,7 @@ def each(shard: Shard) -> Iterable[Sample]:
 
 
 def as_they_are(images: Sequence[GreyImage], repeats: int) -> Iterable[Sample]:
-    """The images themselves as samples of still air: no synthesis stands for a real frame."""
+    """The images themselves as samples of still air: no synthesis replaces a real frame."""
     for image in images:
         still = np.zeros((*image.shape, 2), np.float32)
         mask = np.zeros(image.shape, dtype=bool)
@@ -187,13 +189,13 @@ def score(weights: Path, samples: Iterable[Sample]) -> Score:
         plumes.append(plume[counts])
         found.append(estimate.displacement[thin].reshape(-1, 2))
         true.append(sample.displacement[thin].reshape(-1, 2))
-    said, there = np.concatenate(found), np.concatenate(true)
-    size_px = np.linalg.norm(there, axis=-1)
+    estimated, present = np.concatenate(found), np.concatenate(true)
+    size_px = np.linalg.norm(present, axis=-1)
     plume = size_px > PLUME_PX
-    error_px = np.linalg.norm(said - there, axis=-1)
+    error_px = np.linalg.norm(estimated - present, axis=-1)
     return Score(
         auroc=auroc(np.concatenate(logits), np.concatenate(plumes)),
-        correlation=float(np.corrcoef(said.ravel(), there.ravel())[0, 1]),
+        correlation=float(np.corrcoef(estimated.ravel(), present.ravel())[0, 1]),
         error_px=float(error_px[plume].mean()),
         zero_error_px=float(size_px[plume].mean()),
     )

@@ -14,7 +14,7 @@ Leaks = Literal["nozzle", "anywhere"]
 """Where the plumes of simulated clips leave."""
 PLUME_SHARE = 0.3
 MOST_PX = 4.0
-"""Displacements are told apart up to this; a camera inside a plume sees hundreds of px."""
+"""Displacements are distinguished up to this; a camera inside a plume sees hundreds of px."""
 LEAST_PLUME_PX, STILL_PX = 0.02, 0.01
 KINDS = ("plume-free", "faint", "weak", "strong")
 STRENGTHS_PX = (0.0, 0.15, 0.5)
@@ -87,7 +87,7 @@ class TrainingClip:
 
 
 def clip_path(folder: Path, seed: int) -> Path:
-    """Where the clip of a seed stands."""
+    """The file of the clip of a seed."""
     return folder / f"lesson_{seed:06d}.npz"
 
 

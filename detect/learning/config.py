@@ -1,4 +1,4 @@
-"""What a training can be told; no torch here."""
+"""The settings of a training; no torch here."""
 
 import hashlib
 import json
@@ -48,7 +48,7 @@ class PoolConfig(_TrainingSettings):
         leaks: Where the plumes of those scenes leave.
         rough: Whether those photos are filmed as by people who never thought of refraction.
         photo_set: Folder of posed photos that the clips are made of instead.
-        recipe: What they are rendered from where they are missing; from where the config stands.
+        recipe: What they are rendered from where they are missing; relative to the config file.
         measured: A folder of rendered samples, where these are what waves and edges say of them.
     """
 
@@ -110,7 +110,7 @@ class AugmentationConfig(_TrainingSettings):
 
     @property
     def last_plane(self) -> int:
-        """The highest input channel it speaks of; -1 for none."""
+        """The highest input channel it names; -1 for none."""
         return max(
             (plane for group in (*self.vectors, *self.tensors) for plane in group), default=-1
         )
@@ -153,7 +153,7 @@ class TrainConfig(_TrainingSettings):
         name: Of the network, in its metadata.
         network: Which one.
         pools: Rendered samples by name.
-        validation: The pool that is only looked at.
+        validation: The pool that is only scored.
         runs: How many simulated flows there are to render samples from.
         stages: The curriculum.
         batch: Samples a step.
@@ -168,7 +168,7 @@ class TrainConfig(_TrainingSettings):
         log_every: Steps a line in the journal.
         checkpoint_every: Steps; at most as many are lost by a kill.
         validate_every: Steps.
-        validation_samples: The most that are looked at.
+        validation_samples: The most that are scored.
         initial: Weights to begin with, a checkpoint.
         trained_on: A line for the metadata: what data, under which licences.
     """
@@ -226,7 +226,7 @@ class TrainConfig(_TrainingSettings):
 
         Args:
             path: The file.
-            data: Where its folders of samples are; where the file stands if left out.
+            data: Where its folders of samples are; where the file is if left out.
 
         Raises:
             BadInputError: It cannot be read, or a setting is unknown, missing or out of range.
@@ -275,7 +275,7 @@ class TrainConfig(_TrainingSettings):
         return [(first, stage) for first, stage in self.stage_starts() if first <= step][-1]
 
     def weights_digest(self, step: int) -> str:
-        """Says which weights stand after `step` steps.
+        """Names the weights after `step` steps.
 
         Two configs have the same digest if they lead to the same weights there: stages to come,
         folders' places and how often something is written down do not count.

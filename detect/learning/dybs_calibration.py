@@ -29,7 +29,7 @@ PLUME_PX, STILL_PX = 0.06, 0.02
 """Displacements above are positive, below negative; those between count as neither."""
 THINNED = 5
 LEAST_SHARE = 0.1
-"""Of a class: a kind of background that makes up as much of it must be told apart by itself."""
+"""Of a class: a kind of background that makes up as much of it must be separable by itself."""
 
 
 def labels_of(sample: Sample) -> tuple[BoolArray, BoolArray]:
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             calibration = calibrate(path, samples)
             for name in CLASS_NAMES:
                 scale = calibration.scales.get(name)
-                print(f"{path.name}, {name}: {scale or 'silent'}", flush=True)
+                print(f"{path.name}, {name}: {scale or 'no evidence'}", flush=True)
     except LocateError as error:
         parser.exit(error.exit_code, f"{error}\n")
 

@@ -19,7 +19,7 @@ WIDENING = (1, 2, 4, 6)
 
 
 class Prediction(NamedTuple):
-    """What a network says of N images; `PaperUNet` says the first alone.
+    """The output of a network for N images; that of `PaperUNet` is the first alone.
 
     Attributes:
         displacement: (N, 2, H, W) px, x right and y down.

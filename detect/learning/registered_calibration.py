@@ -78,7 +78,7 @@ def fitted(weights: Path, clips: Iterable[TrainingClip]) -> tuple[Calibration, R
     """What clips show, by every `THINNED`-th row and column of their frames.
 
     Returns:
-        The calibration; the response of the detector that it makes, None where all is silent.
+        The calibration; the response of the detector that it makes, None where none has evidence.
     """
     network = EvidenceNetwork(weights)
     thin = (slice(None, None, THINNED),) * 2
@@ -145,12 +145,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         paths = chosen(options.lessons, options.seeds)
-        paths = [*paths[::2], *paths[1::2]]  # each half is judged by the other: all kinds in both
+        paths = [*paths[::2], *paths[1::2]]  # each half is scored by the other: all kinds in both
         calibration = calibrate(options.network, map(TrainingClip.load, paths))
     except LocateError as error:
         parser.exit(error.exit_code, f"{error}\n")
     for name in CLASS_NAMES:
-        print(f"{options.network.name}, {name}: {calibration.scales.get(name) or 'silent'}")
+        print(f"{options.network.name}, {name}: {calibration.scales.get(name) or 'no evidence'}")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ def render_missing(config: TrainConfig, data: Path, *, report: Report, processes
     Args:
         config: Of the training.
         data: What the recipes' folders of photos and flows are relative to.
-        report: Told of progress, (what, share done).
+        report: Called with the progress, (what, share done).
         processes: How many work at once.
 
     Raises:

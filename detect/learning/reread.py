@@ -45,7 +45,7 @@ def read_network(path: Path) -> tuple[NetworkConfig, nn.Module]:
 def revive_norms(network: nn.Module, images: Tensor) -> None:
     """Gives every BatchNorm the statistics it has on (N, C, H, W) images.
 
-    In evaluation mode the network says what it said before; in training mode nearly so.
+    In evaluation mode the output of the network is what it was; in training mode nearly so.
     """
     norms = [module for module in network.modules() if isinstance(module, nn.BatchNorm2d)]
     hooks = [norm.register_forward_hook(_revive_norm) for norm in norms]

@@ -33,14 +33,14 @@ Report = Callable[[str, float], None]
 
 
 def train_network(config: TrainConfig, folder: Path, *, report: Report) -> Path:
-    """Trains, or goes on where FOLDER's checkpoint stands.
+    """Trains, or continues from FOLDER's checkpoint.
 
     On one thread the weights do not depend on how often it was killed.
 
     Args:
         config: What to train on what.
         folder: For checkpoints and the journal; made where it is missing.
-        report: Told of progress, (what, share done).
+        report: Called with the progress, (what, share done).
 
     Returns:
         The last checkpoint.

@@ -20,7 +20,7 @@ class ValidationScore:
 
     Attributes:
         auroc: Of the mask's logit (of the size, without one); pixels between the two thresholds
-            are left out, and only every `PIXEL_STRIDE`-th pixel is looked at.
+            are left out, and only every `PIXEL_STRIDE`-th pixel is scored.
         epe_px: Mean length of the displacement's error where there is plume.
         zero_epe_px: The same for an answer of zero.
         explained: 1 - mean squared error / mean square, over all pixels.

@@ -119,7 +119,7 @@ class BuoyantFlow:
             self._advance_step(duration_s / steps)
 
     def develop(self) -> None:
-        """Runs until the plume stands: its core could have crossed the box three times."""
+        """Runs until the plume is developed: its core could have crossed the box three times."""
         height_m = self.shape[2] * self.cell_m
         crossed_m = 0.0
         while crossed_m < CROSSINGS * height_m:

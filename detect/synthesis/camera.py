@@ -104,7 +104,7 @@ def _compress_jpeg(image: GreyImage, quality: int) -> GreyImage:
 def naive_warp(image: GreyImage, displacement: FloatMap) -> GreyImage:
     """The bilinear software warp of an image that was already taken. It leaks.
 
-    What it interpolates it also blurs, and the blur tells where the warp was. It stands here so
+    What it interpolates it also blurs, and the blur shows where the warp was. It is here so
     that a test can show it; no training data may come from it.
 
     Args:

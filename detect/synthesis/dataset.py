@@ -154,7 +154,7 @@ def _count_samples(path: Path) -> int:
 
 
 def _claim_folder(folder: Path, recipe: Recipe, sources: Sources) -> None:
-    """Writes the index, or checks that the folder's own says the same."""
+    """Writes the index, or checks that the folder's own is the same."""
     index = {
         "schema": SCHEMA,
         "recipe": recipe.to_plain(),
@@ -184,7 +184,7 @@ def write_index(folder: Path, index: dict[str, Any]) -> None:
 
 
 def read_index(folder: Path) -> dict[str, Any]:
-    """What dataset.json says.
+    """The content of dataset.json.
 
     Raises:
         BadInputError: It is missing, broken or of another schema.

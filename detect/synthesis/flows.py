@@ -168,7 +168,7 @@ def normalise_potential(potential: FloatMap) -> FloatMap:
 
 
 def write_run(folder: Path, number: int, *, moments: int = SNAPSHOTS_PER_RUN) -> Path:
-    """Simulates run `number` into FOLDER/run_00000.npz unless it stands there; 20 to 40 CPU s."""
+    """Simulates run `number` into FOLDER/run_00000.npz unless it is there; 20 to 40 CPU s."""
     path = folder / f"run_{number:05d}.npz"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)

@@ -61,7 +61,7 @@ def sample_own_images(
         scale: Of the samples to the images, `HALF_SCALE` or 1.
         largest_px: Side of a sample at most, px of the images.
         runs: Simulated runs to draw flows from; without, all are random turbulence.
-        progress: Told the share done.
+        progress: Called with the share done.
 
     Raises:
         BadInputError: An image is too small.

@@ -12,13 +12,13 @@ from geometry.arrays import FloatArray, FloatMap
 
 @dataclass(frozen=True, kw_only=True)
 class PlumePlacement:
-    """Where, how large and which way round a potential stands in a frame.
+    """Where, how large and which way round a potential is in a frame.
 
     The potential is turned, not the vectors: the gradient of what was turned is turned properly.
 
     Attributes:
         frame_from_cells: (2, 2) px per cell: scale, rotation and flip.
-        center_px: (2,) where the middle of the potential stands, x right, y down.
+        center_px: (2,) where the middle of the potential is, x right, y down.
     """
 
     frame_from_cells: FloatArray

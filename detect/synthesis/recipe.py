@@ -117,7 +117,7 @@ class Recipe(BaseModel):
 
         Args:
             path: The file.
-            data: Where its folders are; where the file stands if left out.
+            data: Where its folders are; where the file is if left out.
 
         Raises:
             BadInputError: It cannot be read, or is not a recipe.

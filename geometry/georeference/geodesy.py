@@ -24,7 +24,7 @@ class HeightDatum(StrEnum):
 
     @property
     def is_sea_level(self) -> bool:
-        """Heights above the sea, whichever geoid stands for it (they agree to about a metre)."""
+        """Heights above the sea, whichever geoid defines it (they agree to about a metre)."""
         return self in (HeightDatum.EGM96, HeightDatum.EGM2008, HeightDatum.MEAN_SEA_LEVEL)
 
     @property

@@ -56,8 +56,8 @@ def adapt(
             f"{score.error_px:.3f} px where zero is {score.zero_error_px:.3f} px wrong",
             soft_wrap=True,
         )
-    if answer.heard:
-        out.print(f"It has evidence in texture that is: {', '.join(answer.heard)}")
+    if answer.reliable_classes:
+        out.print(f"It has evidence in texture that is: {', '.join(answer.reliable_classes)}")
     elif answer.held_out:
         out.print("It has no evidence: what this background shows is too little.")
     else:

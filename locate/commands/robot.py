@@ -119,7 +119,7 @@ def run_dds_node(
     from locate.robot.dds_transport import DdsTransport
 
     if pose and pose_topic is None:
-        raise BadInputError("--pose says what the pose topic is; give --pose-topic with it")
+        raise BadInputError("--pose states what the pose topic is; give --pose-topic with it")
     source: PoseSource = "tf" if pose_topic is None else "pose" if pose else "odometry"
     wiring = Wiring(
         world_frame=world_frame,

@@ -1,1 +1,1 @@
-"""What a command says while it works: a log for programs, progress and costs for people."""
+"""What a command reports while it works: a log for programs, progress and costs for people."""

@@ -27,7 +27,7 @@ def silent(stage: str, share: float) -> None:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Turns Ctrl-C and SIGTERM into one line that says how to go on.
+    """Turns Ctrl-C and SIGTERM into one line that states how to continue.
 
     Enter it after pycolmap was imported, which answers SIGTERM with a stack trace of its own.
     """

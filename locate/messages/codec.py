@@ -94,7 +94,7 @@ class GreyReader:
         """The (H, W) uint8 image of an `Image` or a `CompressedImage`.
 
         Raises:
-            BadInputError: The encoding is not known, or the data is not what the header says.
+            BadInputError: The encoding is not known, or the data does not fit the header.
         """
         image = decompress_image(message) if hasattr(message, "format") else unpack_image(message)
         return self._in_8_bits(image)

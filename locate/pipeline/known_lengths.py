@@ -112,7 +112,7 @@ class KnownLengths:
         """Reads the options.
 
         Args:
-            board: As `BOARD_SYNTAX` says.
+            board: In the form of `BOARD_SYNTAX`.
             distance: A JSON file, see `KnownDistance`.
 
         Raises:

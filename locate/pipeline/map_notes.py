@@ -16,7 +16,7 @@ ONE_VIEWPOINT = (
 FREE_SCALE = "The scale is free: lengths are in scene units, not metres."
 BLIND = (
     f"Even a plume of {AMPLITUDES_PX[-1]:.0f} px would have been missed in half of the places: "
-    "that none was found says little here."
+    "that none was found means little here."
 )
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 

@@ -58,10 +58,10 @@ class CampaignOrigin(SceneBlock):
 
 
 class ThermalSite(SceneBlock):
-    """A place where a column of warm air stands at times.
+    """A place where a column of warm air rises at times.
 
     It is there with the probability that `occurrence` gives for the local hour, linear between
-    the hours named. Its foot then stands `drift_s` seconds downwind of `position`, and `wander_m`
+    the hours named. Its foot is then `drift_s` seconds downwind of `position`, and `wander_m`
     (one sigma, each way) off by chance.
     """
 
@@ -76,7 +76,7 @@ class ThermalSite(SceneBlock):
     wander_m: NotNegative = 0.0
 
     def probability_at(self, hour: float) -> float:
-        """That the column stands at a local hour."""
+        """That the column is there at a local hour."""
         hours, chances = zip(*sorted(self.occurrence.items()), strict=True)
         return float(np.interp(hour, hours, chances))
 
@@ -189,7 +189,7 @@ def is_campaign(path: Path) -> bool:
 def simulate_campaign(
     campaign: Campaign, output: Path, *, progress: Progress = ignore_progress
 ) -> None:
-    """Renders every flight; one whose video stands from before is left as it is.
+    """Renders every flight; one whose video is there already is left as it is.
 
     Writes campaign.yaml, truth.json, camera.json (for ``--camera``), videos/NAME.mkv (or .mp4) with
     videos/NAME.srt, and for each flight truth/NAME as ``simulate`` does.

@@ -29,15 +29,15 @@ FrameCoding = Callable[[Sequence[GreyImage], float], list[GreyImage]]
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureSetup:
-    """Everything that decides a recording, and what the chain is told of its camera.
+    """Everything that decides a recording, and what the chain knows of its camera.
 
     Attributes:
-        scene: The scene; `camera.radial` is a distortion that the chain is not told of.
+        scene: The scene; `camera.radial` is a distortion that the chain does not know of.
         photos: Pictures for the billboards, in the order of their numbers.
-        billboards: What stands or moves in the scene beside its objects.
+        billboards: What is or moves in the scene beside its objects.
         shutter: How long a frame takes, and how bright it comes out.
         coding: What storing the frames does to them.
-        focal_factor: Of the focal length that the chain is told, over the true one.
+        focal_factor: Of the focal length that the chain is given, over the true one.
     """
 
     scene: Scene
@@ -55,7 +55,7 @@ class RenderedFrames:
     Attributes:
         images: N grey frames.
         truths: What is true of each.
-        trajectory: The true poses, and the camera that the chain is told of.
+        trajectory: The true poses, and the camera that the chain knows of.
         amplitude_px: Strength of the strongest plume; 0 without one.
     """
 
@@ -115,5 +115,5 @@ def build_surfaces(capture: CaptureSetup) -> SurfaceModel:
 
 def _stated_camera(capture: CaptureSetup) -> Camera:
     block = capture.scene.camera
-    told = {"radial": 0.0, "focal_px": block.focal_px * capture.focal_factor}
-    return block.model_copy(update=told).build()
+    stated = {"radial": 0.0, "focal_px": block.focal_px * capture.focal_factor}
+    return block.model_copy(update=stated).build()

@@ -124,8 +124,8 @@ def build_clip(frames: Frames, rendered: RenderedFrames, keys: Sequence[int]) ->
         BadInputError: None can.
     """
     detector = RegisteredDetector()
-    told = [(rendered.truths[key], detector.measure(frames, key)) for key in keys]
-    known = [(truth, answer[0]) for truth, answer in told if answer is not None]
+    measured = [(rendered.truths[key], detector.measure(frames, key)) for key in keys]
+    known = [(truth, answer[0]) for truth, answer in measured if answer is not None]
     if not known:
         raise BadInputError("none of the key frames can be measured: no neighbour sees the same")
     return TrainingClip(

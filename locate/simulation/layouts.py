@@ -22,7 +22,7 @@ from locate.simulation.scene import (
 WALL_MATERIALS = ("brick", "concrete", "block", "cladding")
 CRATE_MATERIALS = ("planks", "steel", "concrete", "plate", "cladding")
 YARD_M = 3.0
-"""Around the origin, where the leak stands: kept clear of tall things."""
+"""Around the origin, where the leak is: kept clear of tall things."""
 
 
 def random_scene(
@@ -89,7 +89,7 @@ def random_scene(
 
 
 def _draw_leak(rng: np.random.Generator) -> tuple[Point, list[SceneObject]]:
-    """The exit of the leak near the origin, and what it stands on."""
+    """The exit of the leak near the origin, and its support."""
     x, y = rng.uniform(-0.6, 0.6, 2)
     below: list[SceneObject]
     match rng.integers(3):

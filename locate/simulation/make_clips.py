@@ -4,7 +4,7 @@
     python -m locate.simulation.make_clips sets   --set PHOTOS --seeds 210000 210008 -o LESSONS
 
 `photos` films scenes made of single photos, `sets` takes a set of real photos with known poses, as
-they are or with plumes rendered onto them. Clips that are there are kept; lessons.jsonl says what
+they are or with plumes rendered onto them. Clips that are there are kept; lessons.jsonl lists what
 each is.
 """
 

@@ -113,12 +113,12 @@ def add_auto_exposure(capture: CaptureSetup, rng: np.random.Generator) -> Captur
 
 
 def misstate_focal(capture: CaptureSetup, rng: np.random.Generator) -> CaptureSetup:
-    """The chain is told of a focal length that is 1 % off."""
+    """The chain is given a focal length that is 1 % off."""
     return replace(capture, focal_factor=1 + 0.01 * float(rng.choice([-1, 1])))
 
 
 def add_distortion(capture: CaptureSetup, rng: np.random.Generator) -> CaptureSetup:
-    """The lens bends by a radial term of 0.01 to 0.04 that the chain is not told of."""
+    """The lens bends by a radial term of 0.01 to 0.04 that the chain does not know of."""
     radial = float(rng.uniform(0.01, 0.04) * rng.choice([-1, 1]))
     camera = capture.scene.camera.model_copy(update={"radial": radial})
     return replace(capture, scene=capture.scene.model_copy(update={"camera": camera}))

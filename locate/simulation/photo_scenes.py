@@ -16,7 +16,7 @@ from locate.simulation.scene import PlumeSpec, Scene
 
 PHOTOS_PER_SCENE = 6
 TEXEL_SHARE = (0.35, 1.2)
-"""Width of a photo's pixel over that of a camera's pixel where the plume stands."""
+"""Width of a photo's pixel over that of a camera's pixel where the plume is."""
 SCENES_PER_FLOW = 10
 
 

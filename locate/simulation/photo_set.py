@@ -65,7 +65,7 @@ class PhotoSet:
         )
 
     def read_image(self, i: int) -> GreyImage:
-        """Photo `i` in grey, of the size its camera says.
+        """Photo `i` in grey, of the size of its camera.
 
         Raises:
             BadInputError: It cannot be read, or has another size.
@@ -113,7 +113,7 @@ def _find_photo(folder: Path, name: str) -> Path:
     for place in IMAGE_FOLDERS:
         if (path := folder / place / name).is_file():
             return path
-    raise BadInputError(f"{folder}: photo {name} is missing (looked in {', '.join(IMAGE_FOLDERS)})")
+    raise BadInputError(f"{folder}: photo {name} is missing (not in {', '.join(IMAGE_FOLDERS)})")
 
 
 def _colmap_folder(folder: Path) -> Path | None:

@@ -25,7 +25,7 @@ NOISE = (0.3, 2.0)
 RANGE_M = (8.0, 14.0)
 """How far away the middle of the first photo is taken to be."""
 DEPTH_SHARE = (0.35, 0.7)
-"""Where on the way to the surface the plume stands."""
+"""Where on the way to the surface the plume is."""
 PHOTOS_A_SECOND = 5.0
 LEAST_FACTOR = 2
 FINER_SHARE = 0.3

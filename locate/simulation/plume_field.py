@@ -57,7 +57,7 @@ class PlumeField:
     from its exit.
 
     Attributes:
-        plume: What the scene says of it.
+        plume: Its description in the scene.
         axis_in_world: (3,) unit mean direction in which it leaves `plume.source`.
         gain: Factor on the refractivity, 1 for the physical plume.
     """

@@ -1,7 +1,7 @@
 """Plants whose plumes leave from anywhere, and whose nozzles mostly have none.
 
 A network that is only shown leaks at nozzles learns that nozzles leak. Here nothing in the picture
-says where a plume is but what it does to the light.
+shows where a plume is but what it does to the light.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""What a simulated recording is made of, as it stands in SCENE.yaml."""
+"""What a simulated recording is made of, as SCENE.yaml describes it."""
 
 import math
 from pathlib import Path as FilePath

@@ -39,7 +39,7 @@ COLUMNS = (
 METRES_PER_DEGREE = 111_320.0
 """Of latitude."""
 MAX_DECIMALS = 8
-"""Of a degree; finer steps are not looked for."""
+"""Of a degree; finer steps are not searched for."""
 MAX_GAP_S = 2.0
 """Longest gap between records that is interpolated; chosen."""
 HELD_S = 1.0

@@ -190,7 +190,7 @@ def test_one_image_makes_no_evidence(
 ) -> None:
     monkeypatch.setattr(teaching, "JUDGED", 4)
     answer = adapt(start, [wall()], tmp_path / "a.onnx", minutes=0.02, report=silent)
-    assert (answer.held_out, answer.heard) == (0, ())
+    assert (answer.held_out, answer.reliable_classes) == (0, ())
     found = DybsDetector(tmp_path / "a.onnx").detect(Frames(images=[wall()]), 0)
     assert not found.llr.any()
 

@@ -56,7 +56,7 @@ def estimate_axis(
         unit: Of fusion (`Views.unit`), world units.
         origin: Height of the source above the column's lowest point, where nothing sways.
         sway: That of the sightings where it is known; None estimates it.
-        hypotheses: What it is looked for among; see `estimate_sway`.
+        hypotheses: What it is searched for among; see `estimate_sway`.
 
     Returns:
         The estimate, or None where too few views or heights have a sighting.

@@ -55,7 +55,7 @@ def split_column(
 ) -> list[tuple[PlumeColumn, Views]]:
     """The two plumes that a column holds, each with the views in which the other is masked out.
 
-    Empty where it holds one, or they cannot be told apart: see `_separation_score`.
+    Empty where it holds one, or they cannot be separated: see `_separation_score`.
     """
     unit = views.unit
     wide = _fit_column(partial(column_evidence, views), column, unit, rng)

@@ -66,7 +66,7 @@ def refine_axis(
 ) -> tuple[PlumeColumn, AxisEstimate] | None:
     """Measures the axis and solves for it in turns; None where too few views see it.
 
-    The sway is looked for among these (nothing: all), then among what is left of them.
+    The sway is searched for among these (nothing: all), then among what is left of them.
     """
     axis = None
     for _ in range(REFINEMENTS):
