@@ -20,7 +20,7 @@ from locate.simulation.photo_set import PhotoSet
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.scene import ImageBlock, PlumeSpec, Scene, VideoBlock
 
-PLUME_FREE = 0.4
+PLUME_FREE_SHARE = 0.4
 NOISE = (0.3, 2.0)
 RANGE_M = (8.0, 14.0)
 """How far away the middle of the first photo is taken to be."""
@@ -55,7 +55,7 @@ def make_photo_set_clip(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> T
     photos = _scale_set(photos, rng)
     most = min(n // side for n, side in zip(_image_size(photos.trajectory), SIDE_PX, strict=True))
     factor = max(LEAST_FACTOR, most - int(rng.random() < FINER_SHARE))
-    plume_free = rng.random() < PLUME_FREE
+    plume_free = rng.random() < PLUME_FREE_SHARE
     if plume_free and rng.random() < UNREDUCED_SHARE:
         factor = 1
     trajectory = output_trajectory(photos.trajectory, factor, PHOTOS_A_SECOND)

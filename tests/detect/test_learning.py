@@ -39,7 +39,7 @@ import os, signal, sys
 from pathlib import Path
 import torch
 from detect.learning.config import TrainConfig
-from detect.learning.trainer import train
+from detect.learning.trainer import train_network
 torch.set_num_threads(1)
 done = 0
 def report(stage, share):
@@ -47,7 +47,7 @@ def report(stage, share):
     done += 1
     if done == {kill_at}:
         os.kill(os.getpid(), signal.SIGKILL)
-train(TrainConfig.load(Path(sys.argv[1])), Path(sys.argv[2]), report=report)
+train_network(TrainConfig.load(Path(sys.argv[1])), Path(sys.argv[2]), report=report)
 """
 
 
@@ -217,7 +217,7 @@ def test_nothing_beyond_the_receptive_field_counts(network: PlumeNet | PaperUNet
 def test_contrast_and_brightness_are_taken_out() -> None:
     image = torch.rand(1, 1, 32, 32)
     network = PlumeNet(width=4)
-    bright, dim = (network._planes(scale * image)[:, 4:] for scale in (1.0, 0.5))
+    bright, dim = (network._normalised_planes(scale * image)[:, 4:] for scale in (1.0, 0.5))
     assert bright == pytest.approx(dim, abs=0.1)
 
 

@@ -86,18 +86,18 @@ def test_a_pool_of_clips(tmp_path: Path) -> None:
     pools = pytest.importorskip("detect.learning.pools")
     for seed, amplitude_px in ((7, 0.3), (8, 0.0)):
         clip(amplitude_px, seed=seed).save(clip_path(tmp_path, seed))
-    both = pools.Pool.load(PoolConfig(folder=tmp_path))
+    both = pools.SamplePool.load(PoolConfig(folder=tmp_path))
     assert both.images.shape == (4, *SHAPE, CHANNELS)
     assert [KINDS[k] for k in both.families] == ["weak"] * 2 + ["plume-free"] * 2
-    second = pools.Pool.load(PoolConfig(folder=tmp_path, seeds=((8, 9),)))
+    second = pools.SamplePool.load(PoolConfig(folder=tmp_path, seeds=((8, 9),)))
     np.testing.assert_array_equal(second.images, both.images[2:])
     config = config_of(tmp_path, {"some": {"folder": "."}})
     np.testing.assert_allclose(both.limits_px([0, 3], config), [(0.09, 0.01), (0.02, 0.01)])
     with pytest.raises(BadInputError, match="lesson_000009"):
-        pools.Pool.load(PoolConfig(folder=tmp_path, seeds=((8, 10),)))
+        pools.SamplePool.load(PoolConfig(folder=tmp_path, seeds=((8, 10),)))
     clip(0.3, shape=(32, 32)).save(clip_path(tmp_path, 9))
     with pytest.raises(BadInputError, match="several sizes"):
-        pools.Pool.load(PoolConfig(folder=tmp_path))
+        pools.SamplePool.load(PoolConfig(folder=tmp_path))
 
 
 def config_of(folder: Path, pools: dict[str, object]) -> TrainConfig:

@@ -96,7 +96,7 @@ def test_rough_takes_stride_wider_and_shake_more(photos: tuple[Path, ...]) -> No
         for one, capture in zip(rough, captures, strict=True)
     )
     assert any(one.coding for one in rough)
-    assert any(not one.shutter.instant for one in rough)
+    assert any(not one.shutter.is_instant for one in rough)
 
 
 @pytest.mark.usefixtures("small")
