@@ -37,6 +37,9 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.reliability film
 	$(BIN)/python -m benchmarks.reliability score
 	$(BIN)/python -m benchmarks.reliability report
+	$(BIN)/python -m benchmarks.real_frames film
+	$(BIN)/python -m benchmarks.real_frames run
+	$(BIN)/python -m benchmarks.real_frames table
 	$(BIN)/python -m benchmarks.sfm
 	$(BIN)/python -m benchmarks.telemetry_offset
 	$(BIN)/python -m benchmarks.flow simulated

@@ -17,6 +17,14 @@ def simulate(
         Path | None,
         typer.Option(help="Render the plume onto this posed photo set instead of a made scene."),
     ] = None,
+    reduce: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="With --onto: photo pixels per pixel of the frames along a side. 1 keeps the full "
+            "size; if left out, at least 2, so that resampling leaves no trace.",
+        ),
+    ] = None,
 ) -> None:
     """Render a video of a scene with plumes, or all flights of a campaign, with the truth."""
     from locate.simulation import Campaign, Scene, is_campaign, render_onto, simulate_campaign
@@ -25,6 +33,8 @@ def simulate(
     campaign = Campaign.load(scene) if is_campaign(scene) else None
     if campaign is not None and onto is not None:
         raise BadInputError(f"{scene}: a campaign cannot be rendered --onto photos")
+    if reduce is not None and onto is None:
+        raise BadInputError("--reduce is for photos: give --onto as well")
     with progress_bars(err) as report:
 
         def progress(done: int, total: int) -> None:
@@ -35,5 +45,5 @@ def simulate(
         elif onto is None:
             render(Scene.load(scene), output, progress=progress)
         else:
-            render_onto(Scene.load(scene), onto, output, progress=progress)
+            render_onto(Scene.load(scene), onto, output, reduce=reduce, progress=progress)
     out.print(f"Truth: {output / 'truth.json'}", soft_wrap=True)

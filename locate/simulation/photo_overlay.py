@@ -19,6 +19,8 @@ from locate.simulation.render import MASK_SHARE, NEGLIGIBLE_PX, RenderedTruth, a
 from locate.simulation.scene import ImageBlock, PlumeSpec, Scene
 from locate.simulation.writer import PngFrameFolder, make_folder, write_summary, write_truth
 
+LEAST_REDUCED = 2
+"""Photo pixels per output pixel from which the resampling leaves no trace."""
 COARSE_PX = 8
 ENOUGH_POINTS = 20
 SPLINE_REACH_PX = 24
@@ -28,31 +30,66 @@ BACKGROUND_FACTOR = 1.6
 
 
 def render_onto(
-    scene: Scene, photos: Path, output: Path, *, progress: Progress = ignore_progress
+    scene: Scene,
+    photos: Path,
+    output: Path,
+    *,
+    reduce: int | None = None,
+    progress: Progress = ignore_progress,
 ) -> None:
-    """Renders the plumes of a scene onto a real posed photo set.
+    """Renders the plumes of a scene onto a real posed photo set: `render_onto_set` of a folder.
 
-    Every pixel is resampled alike, displaced or not (a spline passes through its own pixels): the
-    photo, of at least twice the output resolution, is blurred by the lens first, so that the
-    quintic spline it is then read with passes all that is left of it, and the area mean follows.
+    Args:
+        scene: As of `render_onto_set`.
+        photos: Folder with a COLMAP model, `.camera` files or transforms.json, and the photos.
+        output: Folder to write.
+        reduce: As of `render_onto_set`.
+        progress: Called with the number of frames done and their total.
+
+    Raises:
+        BadInputError: The photo set cannot be used, or the folder cannot be written.
+    """
+    render_onto_set(scene, PhotoSet.load(photos), output, reduce=reduce, progress=progress)
+
+
+def render_onto_set(
+    scene: Scene,
+    photo_set: PhotoSet,
+    output: Path,
+    *,
+    reduce: int | None = None,
+    progress: Progress = ignore_progress,
+) -> None:
+    """Renders the plumes of a scene onto photos with known poses.
+
+    Reduced photos show no trace of the resampling: every pixel is resampled alike, displaced or
+    not (a spline passes through its own pixels). The photo, of at least twice the output
+    resolution, is blurred by the lens first, so that the quintic spline it is then read with
+    passes all that is left of it, and the area mean follows. At full size there is nothing to
+    spare: what stands still keeps its grain and coding, and what is displaced by parts of a pixel
+    loses the finest of it. A network could learn that, so training clips are reduced; a
+    measurement of displacement is not helped by it.
     Surfaces come from the sparse points, or are a plane behind the plume where there are none.
 
     Writes frames/{index:06d}.png, truth.json and truth/{index:06d}.npz into `output`.
 
     Args:
         scene: Its plumes, wind, seed, image formation and `video.fps` count; lengths are in the
-            photos' unit, `source` in the photos' world. `camera.width` is about the output's.
-        photos: Folder with a COLMAP model, `.camera` files or transforms.json, and the photos.
+            photos' unit, `source` in the photos' world. `camera.width` is about the output's,
+            unless `reduce` says.
+        photo_set: The photos.
         output: Folder to write.
+        reduce: Photo pixels per output pixel along a side. 1 is the full size; None: what fits
+            `scene.camera.width`, at least 2.
         progress: Called with the number of frames done and their total.
 
     Raises:
-        BadInputError: The photo set cannot be used, or the folder cannot be written.
+        BadInputError: A photo cannot be used, or the folder cannot be written.
     """
-    photo_set = PhotoSet.load(photos)
     make_folder(output)
     scene = _turn_scene(scene, photo_set)
-    factor = max(2, round(photo_set.trajectory.camera.width / scene.camera.width))
+    fitting = round(photo_set.trajectory.camera.width / scene.camera.width)
+    factor = reduce or max(LEAST_REDUCED, fitting)
     trajectory = output_trajectory(photo_set.trajectory, factor, scene.video.fps)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
     renderer = OverlayRenderer(trajectory, photo_set, fields)
@@ -81,7 +118,7 @@ def displace_photo(
     Args:
         photo: (>= H * factor, >= W * factor) grey values.
         displacement: (H, W, 2) px of the output.
-        factor: Photo pixels per output pixel, at least 2.
+        factor: Photo pixels per output pixel. At 1 the lens does not blur: it has done so already.
         image: Lens blur and noise.
         rng: Draws the noise.
 
@@ -89,8 +126,9 @@ def displace_photo(
         (H, W) grey values.
     """
     height, width = displacement.shape[0] * factor, displacement.shape[1] * factor
-    sigma = max(image.psf_sigma_px, 0.5) * factor
-    fine = cv2.GaussianBlur(photo[:height, :width].astype(np.float32), (0, 0), sigma)
+    fine = photo[:height, :width].astype(np.float32)
+    if factor > 1:
+        fine = cv2.GaussianBlur(fine, (0, 0), max(image.psf_sigma_px, 0.5) * factor)
     w = cv2.resize(displacement, (width, height), interpolation=cv2.INTER_LINEAR) * factor
     rows, columns = (np.flatnonzero(w.any(axis=(axis, 2))) for axis in (1, 0))
     if len(rows):

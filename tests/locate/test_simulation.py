@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 from detect.synthesis.buoyancy import BuoyantFlow
 from geometry.errors import BadInputError
 from geometry.refraction import gaussian_column_deflection, refractivity
 from geometry.trajectory import Trajectory
+from locate.cli import app
 from locate.simulation import Campaign, Scene, is_campaign, random_scene, render_onto, simulate
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.photo_overlay import displace_photo
@@ -328,6 +330,34 @@ def test_onto_real_photos(tmp_path):
     assert size == pytest.approx(1.5, rel=0.1)
     image = cv2.imread(str(tmp_path / "out" / "frames" / "000001.png"), cv2.IMREAD_GRAYSCALE)
     assert image.shape == (120, 160)
+
+
+def test_onto_real_photos_at_full_size(tmp_path):
+    photo_set(tmp_path)
+    plume = {"kind": "gaussian", "source": [0.3, 0, -0.5], "radius_m": 0.2, "height_m": 3,
+             "amplitude_px": 1.5}  # fmt: skip
+    made = Scene.model_validate({"image": {"noise": 0}, "plumes": [plume]})
+    render_onto(made, tmp_path, tmp_path / "out", reduce=1)
+    photo, image = (
+        cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        for path in (tmp_path / "images" / "1.png", tmp_path / "out" / "frames" / "000001.png")
+    )
+    with np.load(tmp_path / "out" / "truth" / "000001.npz") as truth:
+        w = truth["displacement"].astype(np.float32)
+    assert image.shape == photo.shape == w.shape[:2] == (240, 320)
+    assert visible_percentile(w) == pytest.approx(1.5, rel=0.1)
+    still = ~w.any(axis=-1)
+    assert 0.3 < still.mean() < 0.99
+    assert np.array_equal(image[still], photo[still]), "what stands still keeps its grain"
+    assert (image != photo)[~still].mean() > 0.5
+
+
+def test_only_photos_are_reduced(tmp_path):
+    Scene().save(tmp_path / "scene.yaml")
+    wanted = ["simulate", str(tmp_path / "scene.yaml"), "-o", str(tmp_path / "o"), "--reduce", "1"]
+    run = CliRunner().invoke(app, wanted)
+    assert isinstance(run.exception, BadInputError)
+    assert "--onto" in str(run.exception)
 
 
 def test_photos_of_a_transforms_json(tmp_path):

@@ -1,0 +1,33 @@
+"""Runs each recording as it is, then renders the plumes onto it; keeps what the folder holds."""
+
+import argparse
+import time
+
+from benchmarks.real_frames.cases import add_case_arguments, cases_of, plain_case, usable
+from benchmarks.real_frames.places import NoPosesError, posed_photos, put_plume
+from benchmarks.real_frames.run import OWN, score_case
+from locate.simulation import render_onto_set
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_case_arguments(parser)
+
+
+def main(options: argparse.Namespace) -> None:
+    for recording in usable(options):
+        plain = plain_case(recording, options.work)
+        print(score_case(plain, OWN), flush=True)
+        try:
+            photos = posed_photos(plain.folder / f"run_{OWN}")
+        except NoPosesError as error:
+            print(f"{recording.name} | skipped: {error}", flush=True)
+            continue
+        for case in cases_of(recording, options):
+            if case.filmed:
+                continue
+            assert case.place is not None
+            started = time.process_time()
+            scaled, scene = put_plume(photos, case.place, case.strength_px)
+            render_onto_set(scene, scaled, case.folder, reduce=1)
+            cpu_s = time.process_time() - started
+            print(f"{recording.name} | {case.folder.name} | {cpu_s:.0f} CPU s", flush=True)
