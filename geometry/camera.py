@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
+from geometry.lens_keys import refuse_unread_terms
 
 HALF_PIXEL = 0.5
 """Offset from COLMAP's pixel origin, the image corner, to ours, the centre of the first pixel;
@@ -87,9 +88,12 @@ class Camera:
         """Reads the ``camera`` block of trajectory.json.
 
         Raises:
-            BadInputError: A key is missing or has the wrong type.
+            BadInputError: A key is missing or has the wrong type, or one of a lens is beside them.
         """
         try:
+            refuse_unread_terms(block, (), f"camera model {block['model']} and its params")
+            if block["width"] != int(block["width"]) or block["height"] != int(block["height"]):
+                raise ValueError("width and height: they are whole numbers of px")
             return cls(
                 model=str(block["model"]),
                 width=int(block["width"]),

@@ -17,16 +17,15 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
-from geometry.camera import HALF_PIXEL, Camera
+from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.lens_terms import merge_cameras, read_transforms_camera, write_camera_block
 from geometry.named_poses import NamedPoses, resize_camera
 from geometry.trajectory import Trajectory
 
 MAX_SKEW = 0.01
 """Largest element of R R^T - I of a matrix that counts as a rotation."""
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
-DISTORTION = {"OPENCV": ("k1", "k2", "p1", "p2"), "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4")}
-"""Keys of the distortion in transforms.json, in COLMAP's order."""
 
 
 def read_named_poses(path: Path, camera: Camera | None = None) -> NamedPoses:
@@ -113,7 +112,9 @@ def write_transforms_json(
     matrices[:, :3, 3] = trajectory.centers_in_world
     named = zip(names or default_names(trajectory), matrices, strict=True)
     frames = [{"file_path": name, "transform_matrix": m.tolist()} for name, m in named]
-    path.write_text(json.dumps({**_camera_block(trajectory.camera), "frames": frames}, indent=1))
+    path.write_text(
+        json.dumps({**write_camera_block(trajectory.camera), "frames": frames}, indent=1)
+    )
 
 
 def default_names(trajectory: Trajectory) -> list[str]:
@@ -167,12 +168,10 @@ def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
     except (ValueError, RuntimeError) as error:
         raise BadInputError(f"{folder}: not a readable COLMAP model") from error
     images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda image: image.name)
-    cameras = {image.camera_id for image in images}
-    if camera is None and len(cameras) != 1:
-        raise BadInputError(f"{folder}: {len(cameras)} cameras; expected the images of one camera")
     poses = [image.cam_from_world() for image in images]
     try:
-        own = camera or Camera.from_colmap(model.camera(cameras.pop()))
+        used = sorted({image.camera_id for image in images})
+        own = camera or merge_cameras(Camera.from_colmap(model.camera(i)) for i in used)
     except BadInputError as error:
         raise BadInputError(f"{folder}: {error}") from error
     rotations = np.array([pose.rotation.matrix() for pose in poses]).reshape(-1, 3, 3)
@@ -185,9 +184,12 @@ def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
 def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None) -> NamedPoses:
     try:
         frames = sorted(content["frames"], key=lambda frame: str(frame["file_path"]))
-        matrices = np.array([frame["transform_matrix"] for frame in frames], dtype=float)
         names = tuple(str(frame["file_path"]) for frame in frames)
-        own = camera or _camera_from_block(content)
+        own = camera or read_transforms_camera(content, frames)
+        without = [frame for frame in frames if frame.get("transform_matrix") is None]
+        if without:
+            raise BadInputError(f"{without[0]['file_path']} has no transform_matrix; remove it")
+        matrices = np.array([frame["transform_matrix"] for frame in frames], dtype=float)
         if not np.isfinite(matrices).all():
             raise BadInputError("holds a pose whose numbers are not all finite")
         rotations = OPENCV_FROM_OPENGL @ np.swapaxes(matrices[:, :3, :3], 1, 2)
@@ -199,49 +201,6 @@ def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None)
     return NamedPoses(
         trajectory=_checked_trajectory(path, own, rotations, translations), names=names, path=path
     )
-
-
-def _camera_from_block(content: dict[str, Any]) -> Camera:
-    width, height = int(content["w"]), int(content["h"])
-    if "fl_x" in content:
-        focal_x = float(content["fl_x"])
-    else:
-        focal_x = width / 2 / np.tan(float(content["camera_angle_x"]) / 2)
-    params = [
-        focal_x,
-        float(content.get("fl_y", focal_x)),
-        float(content.get("cx", width / 2)) - HALF_PIXEL,
-        float(content.get("cy", height / 2)) - HALF_PIXEL,
-    ]
-    model = str(content.get("camera_model", "OPENCV"))
-    distortion = [float(content.get(key, 0.0)) for key in DISTORTION.get(model, ())]
-    if model != "OPENCV_FISHEYE" and not any(distortion):
-        model, distortion = "PINHOLE", []
-    return Camera(model=model, width=width, height=height, params=(*params, *distortion))
-
-
-def _camera_block(camera: Camera) -> dict[str, Any]:
-    simple = {"SIMPLE_PINHOLE": (0, 0, 1, 2), "PINHOLE": (0, 1, 2, 3)}
-    if camera.model in ("SIMPLE_RADIAL", "RADIAL"):
-        focal, cx, cy, *radial = camera.params
-        params = (focal, focal, cx, cy, *radial, 0.0, 0.0, 0.0)[:8]
-    elif camera.model in simple:
-        params = (*(camera.params[i] for i in simple[camera.model]), 0.0, 0.0, 0.0, 0.0)
-    elif camera.model in DISTORTION:
-        params = camera.params
-    else:
-        raise BadInputError(f"transforms.json has no camera model like {camera.model}")
-    model = camera.model if camera.model in DISTORTION else "OPENCV"
-    block = {
-        "camera_model": model,
-        "w": camera.width,
-        "h": camera.height,
-        "fl_x": params[0],
-        "fl_y": params[1],
-        "cx": params[2] + HALF_PIXEL,
-        "cy": params[3] + HALF_PIXEL,
-    }
-    return block | dict(zip(DISTORTION[model], params[4:], strict=True))
 
 
 __all__ = [

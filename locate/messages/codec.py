@@ -1,4 +1,4 @@
-"""Image and camera messages as every transport carries them, to arrays and cameras.
+"""Image messages as every transport carries them, to arrays.
 
 Messages are taken by their fields, so those of rclpy, rosbags and cyclonedds all serve.
 """
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.arrays import GreyImage
-from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.messages.poses import NS_PER_S
 
@@ -37,11 +36,6 @@ _LUMA_FIRST = {
     "yuv422_yuy2": True,
     "uyvy": False,
     "yuv422": False,
-}
-_DISTORTIONS = {
-    "plumb_bob": (5, "FULL_OPENCV"),
-    "rational_polynomial": (8, "FULL_OPENCV"),
-    "equidistant": (4, "OPENCV_FISHEYE"),
 }
 
 
@@ -184,63 +178,3 @@ def _unpack_rows(message: ImageMessage, *, channels: int, bits: int) -> NDArray[
     order = ">u2" if message.is_bigendian else "<u2"
     samples = np.ascontiguousarray(rows).view(order).astype(np.uint16)
     return samples.reshape(height, width, channels)
-
-
-def camera_from_info(message: Any, *, rectified: bool = False) -> Camera:
-    """The camera of a `sensor_msgs/CameraInfo`, binning and region of interest applied.
-
-    Args:
-        message: Of ROS 2 or ROS 1.
-        rectified: The images are rectified: the projection matrix holds, without distortion.
-
-    Raises:
-        BadInputError: It is not calibrated, or its distortion model is not known.
-    """
-    matrix = np.array(_read_field(message, "p" if rectified else "k"), dtype=float).reshape(3, -1)
-    if not matrix[0, 0] > 0 or not matrix[1, 1] > 0:
-        raise BadInputError("camera_info has no focal length: calibrate the camera")
-    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    roi = message.roi
-    across, down = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
-    width, height = int(roi.width) or int(message.width), int(roi.height) or int(message.height)
-    focal_and_centre = (
-        fx / across,
-        fy / down,
-        (cx - roi.x_offset + 0.5) / across - 0.5,
-        (cy - roi.y_offset + 0.5) / down - 0.5,
-    )
-    distortion = np.zeros(0) if rectified else np.array(_read_field(message, "d"), dtype=float)
-    model, more = _convert_distortion(message.distortion_model, distortion)
-    params = (*focal_and_centre, *more)
-    return Camera(
-        model=model,
-        width=width // across,
-        height=height // down,
-        params=tuple(float(value) for value in params),
-    )
-
-
-def _read_field(message: Any, name: str) -> Any:
-    """A field that ROS 1 writes in capitals."""
-    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
-
-
-def _convert_distortion(
-    name: str, coefficients: NDArray[np.float64]
-) -> tuple[str, tuple[float, ...]]:
-    """COLMAP's model, and its parameters after the principal point."""
-    if not coefficients.any():
-        return "PINHOLE", ()
-    if name not in _DISTORTIONS:
-        known = ", ".join(_DISTORTIONS)
-        raise BadInputError(f"distortion model {name!r} is not supported, only {known}")
-    count, model = _DISTORTIONS[name]
-    if len(coefficients) > count and coefficients[count:].any():
-        raise BadInputError(f"{name} takes {count} coefficients, got {len(coefficients)}")
-    values = np.zeros(count)
-    values[: min(count, len(coefficients))] = coefficients[:count]
-    if model == "OPENCV_FISHEYE":
-        return model, tuple(values)
-    if not values[4:].any():
-        return "OPENCV", tuple(values[:4])
-    return model, (*values, *np.zeros(8 - count))

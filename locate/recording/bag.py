@@ -11,7 +11,8 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
-from locate.messages.codec import GreyReader, camera_from_info, read_stamp_ns
+from locate.messages.camera_info import camera_from_info, is_calibrated
+from locate.messages.codec import GreyReader, read_stamp_ns
 from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose, trajectory_from_poses
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
@@ -63,16 +64,24 @@ class BagRecording:
 
     @cached_property
     def camera(self) -> Camera | None:
-        """By the first camera_info that can be used; None where there is none."""
+        """By the first camera_info that is calibrated; None where there is none.
+
+        Raises:
+            BadInputError: Its lens is not understood.
+        """
         with open_bag(self.path) as reader:
             topics = BagTopics(reader, self.path, self.topics, whole=False)
             for _, _, message in topics.read_messages(
                 [topics.info] if topics.info else [], _skip_message
             ):
+                if not is_calibrated(message, rectified=self.wiring.rectified):
+                    continue
                 try:
                     return camera_from_info(message, rectified=self.wiring.rectified)
-                except BadInputError:
-                    continue
+                except BadInputError as error:
+                    raise BadInputError(
+                        f"{self.path}: {topics.info}: {error}; or give the camera with --camera"
+                    ) from error
         return None
 
     def poses(self, camera: Camera | None) -> NamedPoses | None:

@@ -7,7 +7,8 @@ from typing import Any
 from detect.detection import Detector
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.messages.codec import GreyReader, camera_from_info, read_stamp_ns
+from locate.messages.camera_info import camera_from_info
+from locate.messages.codec import GreyReader, read_stamp_ns
 from locate.messages.transforms import TransformTree
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.robot.locator import Locator

@@ -1,6 +1,7 @@
 """Pose files: round trips, pycolmap's own reading, foreign files, and matching to frames."""
 
 import json
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.named_poses import read_camera
 from geometry.pose_files import (
     NamedPoses,
     read_named_poses,
@@ -96,6 +98,152 @@ def test_transforms_round_trip(tmp_path: Path, camera: Camera) -> None:
     rays = np.random.default_rng(2).uniform([-0.3, -0.3, 1], [0.3, 0.3, 1], size=(20, 3))
     assert_same_poses(found.trajectory, some_poses(camera))
     np.testing.assert_allclose(found.trajectory.camera.project(rays), camera.project(rays))
+
+
+INTRINSICS = {"fl_x": 500, "fl_y": 500, "cx": 320, "cy": 240, "w": 640, "h": 480}
+LENS = {"k1": -0.3, "k2": 0.1, "p1": 0.001, "p2": 0.002}
+FISHEYE = {"k1": 0.03, "k2": 0.005, "k3": 0.0006, "k4": 0.0001}
+RATIONAL = {**LENS, "k3": 0.1, "k4": 0.2, "k5": 0.1, "k6": 0.1}
+
+
+def transforms_with(
+    folder: Path, block: dict, own: Callable[[int], dict] = lambda _: {}
+) -> Trajectory:
+    """What is read of three frames with these keys for all, and their own."""
+    matrix = np.eye(4).tolist()
+    frames = [{"file_path": f"{i}.jpg", "transform_matrix": matrix, **own(i)} for i in range(3)]
+    (folder / "transforms.json").write_text(json.dumps({**block, "frames": frames}))
+    return read_poses(folder / "transforms.json")
+
+
+@pytest.mark.parametrize(
+    ("block", "model", "lens"),
+    [
+        ({**LENS, "camera_model": "OPENCV"}, "OPENCV", LENS.values()),
+        ({**LENS, "camera_model": "opencv"}, "OPENCV", LENS.values()),
+        (LENS, "OPENCV", LENS.values()),
+        ({**LENS, "k3": 0, "is_fisheye": False}, "OPENCV", LENS.values()),
+        (
+            {**LENS, "k3": -0.05, "camera_model": "OPENCV"},
+            "FULL_OPENCV",
+            [*LENS.values(), -0.05, 0, 0, 0],
+        ),
+        ({**RATIONAL, "camera_model": "FULL_OPENCV"}, "FULL_OPENCV", RATIONAL.values()),
+        ({**RATIONAL, "camera_model": "OPENCV"}, "FULL_OPENCV", RATIONAL.values()),
+        ({**FISHEYE, "camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE", FISHEYE.values()),
+        ({**FISHEYE, "is_fisheye": True}, "OPENCV_FISHEYE", FISHEYE.values()),
+        ({"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE", [0, 0, 0, 0]),
+        ({"k1": 0.1, "camera_model": "SIMPLE_RADIAL_FISHEYE"}, "OPENCV_FISHEYE", [0.1, 0, 0, 0]),
+        ({"k1": -0.2, "camera_model": "SIMPLE_RADIAL"}, "OPENCV", [-0.2, 0, 0, 0]),
+        ({"k1": -0.2, "k2": 0.01, "camera_model": "RADIAL"}, "OPENCV", [-0.2, 0.01, 0, 0]),
+        (
+            {**LENS, "sx1": 0.01, "camera_model": "THIN_PRISM_FISHEYE"},
+            "THIN_PRISM_FISHEYE",
+            [*LENS.values(), 0, 0, 0.01, 0],
+        ),
+        ({"camera_model": "PINHOLE", "k1": 0.0}, "PINHOLE", []),
+        ({"aabb_scale": 4, "applied_scale": 2.0, "sharpness": 31.0}, "PINHOLE", []),
+    ],
+)
+@pytest.mark.parametrize("in_frames", [False, True])
+def test_every_lens_of_a_transforms_json_is_read(
+    tmp_path: Path, block: dict, model: str, lens: Sequence[float], in_frames: bool
+) -> None:
+    whole = {**INTRINSICS, **block}
+    common, own = ({}, whole) if in_frames else (whole, {})
+    camera = transforms_with(tmp_path, common, lambda _: own).camera
+    assert camera.model == model
+    assert camera.params == (500, 500, 319.5, 239.5, *lens)
+
+
+@pytest.mark.parametrize(
+    ("block", "word"),
+    [
+        ({"camera_model": "PINHOLE", "k1": -0.2}, "k1 = -0.2"),
+        ({"camera_model": "SIMPLE_RADIAL", "k1": -0.2, "k2": 0.1}, "k2 = 0.1"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "'EQUIRECTANGULAR'"),
+        ({"camera_model": "PERSPECTIVE", **LENS}, "'PERSPECTIVE'"),
+        ({"camera_model": "FISHEYE624"}, "'FISHEYE624'"),
+        ({"camera_model": "OPENCV", "is_fisheye": True, **FISHEYE}, "is_fisheye"),
+        ({"camera_model": "OPENCV", "k4": 0.2}, "k4"),
+        ({"is_fisheye": True, **LENS}, "p1"),
+        ({"k7": 0.1}, "k7"),
+        ({"s1": 0.1}, "s1"),
+        ({"ortho": True}, "ortho"),
+        ({"equirectangular": True}, "equirectangular"),
+        ({"ftheta_p0": 0.1}, "ftheta_p0"),
+        ({"rolling_shutter": [0, 0, 0.1, 0]}, "rolling_shutter"),
+        ({"distortion_params": [0.1, 0, 0, 0]}, "distortion_params"),
+        ({"fx": 501}, "fx"),
+        ({"w": 640.5}, "w"),
+    ],
+)
+@pytest.mark.parametrize("in_frames", [False, True])
+def test_a_lens_that_is_not_understood_is_refused_by_name(
+    tmp_path: Path, block: dict, word: str, in_frames: bool
+) -> None:
+    whole = {**INTRINSICS, **block}
+    common, own = ({}, whole) if in_frames else (whole, {})
+    with pytest.raises(BadInputError, match=rf"transforms\.json: .*{word}"):
+        transforms_with(tmp_path, common, lambda _: own)
+
+
+def test_focal_lengths_by_angles(tmp_path: Path) -> None:
+    size = {"w": 640, "h": 480}
+    camera = transforms_with(tmp_path, {**size, "camera_angle_x": 1.0}).camera
+    assert camera.params[:2] == pytest.approx((585.7561, 585.7561))
+    both = {**size, "camera_angle_x": 1.0, "camera_angle_y": 0.9}
+    assert transforms_with(tmp_path, both).camera.params[1] == pytest.approx(496.8373)
+    with pytest.raises(BadInputError, match="size of the images"):
+        transforms_with(tmp_path, {"camera_angle_x": 1.0})
+    with pytest.raises(BadInputError, match="fl_x"):
+        transforms_with(tmp_path, {**size, "camera_angle_x": 1.0, "is_fisheye": True})
+
+
+def test_intrinsics_of_each_frame_that_agree_are_one_camera(tmp_path: Path) -> None:
+    def own(i: int) -> dict:
+        return {"fx": 500 + 1e-4 * i, "fy": 500, "cx": 320, "cy": 240, "width": 640, "height": 480}
+
+    assert transforms_with(tmp_path, {}, own).camera.params == (500, 500, 319.5, 239.5)
+
+
+def test_intrinsics_of_each_frame_that_differ_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"3 cameras .*500 to 501 px"):
+        transforms_with(tmp_path, INTRINSICS, lambda i: {"fl_x": 500 + i})
+
+
+def test_a_frame_without_a_pose_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"1\.jpg has no transform_matrix"):
+        transforms_with(
+            tmp_path, INTRINSICS, lambda i: {"transform_matrix": None} if i == 1 else {}
+        )
+
+
+@pytest.mark.parametrize("zoom", [1.0, 1.2])
+def test_a_colmap_model_with_a_camera_for_each_image(tmp_path: Path, zoom: float) -> None:
+    """Equal ones are one camera; others are refused with their number."""
+    model, poses = pycolmap.Reconstruction(), some_poses()
+    for i in range(3):
+        focal, *others = CAMERA.params
+        own = replace(CAMERA, params=(focal * zoom ** (i // 2), *others))
+        model.add_camera_with_trivial_rig(own.to_colmap(camera_id=i + 1))
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(poses.rotations[i]), poses.translations[i])
+        image = pycolmap.Image(name=f"{i}.png", camera_id=i + 1, image_id=i + 1)
+        model.add_image_with_trivial_frame(image, pose)
+    model.write(tmp_path)
+    if zoom == 1:
+        assert read_poses(tmp_path).camera == CAMERA
+    else:
+        with pytest.raises(BadInputError, match=r"2 cameras .*560 to 672 px"):
+            read_poses(tmp_path)
+
+
+@pytest.mark.parametrize("key", ["k1", "distortion", "p2"])
+def test_a_camera_file_with_a_lens_beside_its_params_is_refused(tmp_path: Path, key: str) -> None:
+    block = {**Camera.pinhole(640, 480, 500.0).to_dict(), key: 0.1}
+    (tmp_path / "camera.json").write_text(json.dumps(block))
+    with pytest.raises(BadInputError, match=rf"camera\.json: .*{key} = 0\.1"):
+        read_camera(tmp_path / "camera.json", 640, 480)
 
 
 def test_published_transforms_look_at_the_fox(shared_data: Path) -> None:

@@ -1,6 +1,7 @@
 """`locate run` on a robot's recording: the frames, the camera and the poses it works with."""
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -194,6 +195,20 @@ def test_what_is_not_in_the_bag_is_done_without(trajectory: Trajectory, tmp_path
     bag = BagRecording(path=written(tmp_path, trajectory, poses=False, info=False))
     assert bag.camera is None
     assert bag.poses(trajectory.camera) is None
+
+
+def test_a_lens_that_is_not_understood_is_no_missing_camera(
+    trajectory: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ideal = Drive.info
+
+    def with_strange_lens(*args: Any) -> Any:
+        return replace(ideal(*args), distortion_model="division", d=np.array([-0.1]))
+
+    monkeypatch.setattr(Drive, "info", with_strange_lens)
+    bag = BagRecording(path=written(tmp_path, trajectory))
+    with pytest.raises(BadInputError, match=r"camera_info: .*'division'.*--camera"):
+        assert bag.camera
 
 
 def test_poses_are_nothing_without_a_camera(trajectory: Trajectory, tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
-from locate.messages.codec import GreyReader, camera_from_info, read_stamp_ns
+from locate.messages.camera_info import camera_from_info
+from locate.messages.codec import GreyReader, read_stamp_ns
 from tests.robot.fake_messages import camera_info, header, image
 
 RNG = np.random.default_rng(0)
@@ -148,6 +149,13 @@ def test_camera_info_of_an_ideal_lens() -> None:
     assert camera.params == (500, 510, 320, 240)
 
 
+@pytest.mark.parametrize("name", ["", "none", "plumb_bob", "rational_polynomial"])
+@pytest.mark.parametrize("count", [0, 5, 14])
+def test_no_coefficients_are_an_ideal_lens(name: str, count: int) -> None:
+    camera = camera_from_info(camera_info(distortion_model=name, d=[0.0] * count))
+    assert camera.model == "PINHOLE"
+
+
 def test_rectified_images_have_the_projection_matrix() -> None:
     camera = camera_from_info(camera_info(d=[0.1, 0, 0, 0, 0]), rectified=True)
     assert camera.params == (480, 480, 310, 230)
@@ -170,9 +178,10 @@ def test_distortion_is_opencvs(name: str, d: list[float]) -> None:
     np.testing.assert_allclose(projected, expected[:, 0], atol=1e-6)
 
 
-def test_fisheye_is_opencvs() -> None:
-    d = [0.05, -0.01, 0.002, 0.001]
-    message = camera_info(distortion_model="equidistant", d=d)
+@pytest.mark.parametrize("name", ["equidistant", "fisheye", "kannala_brandt4"])
+@pytest.mark.parametrize("d", [[0.05, -0.01, 0.002, 0.001], [0.0] * 4])
+def test_fisheye_is_opencvs(name: str, d: list[float]) -> None:
+    message = camera_info(distortion_model=name, d=d)
     points = np.array([[0.5, 0.2, 1.0], [-0.9, 0.25, 1.0]])
     matrix = np.array(message.k).reshape(3, 3)
     expected = cv2.fisheye.projectPoints(
@@ -206,10 +215,17 @@ def test_camera_info_of_ros_1_is_read() -> None:
         {"k": [np.nan] * 9},
         {"width": 0},
         {"distortion_model": "thin_prism", "d": [0.1]},
+        {"distortion_model": "thin_prism", "d": [0.0] * 4},
+        {"distortion_model": "", "d": [0.1, 0, 0, 0]},
+        {"distortion_model": "plumb_bob", "d": [0.1]},
+        {"distortion_model": "plumb_bob", "d": [-0.1, 0.01, 0, 0, 0, 0.01, 0.01, 0.01]},
+        {"distortion_model": "rational_polynomial", "d": [0.1] * 12},
         {"distortion_model": "equidistant", "d": [0.1] * 8},
+        {"distortion_model": "equidistant", "d": []},
+        {"k": [500.0, 2.0, 320, 0, 510, 240, 0, 0, 1]},
     ],
 )
-def test_uncalibrated_cameras_are_refused(changes: dict[str, object]) -> None:
+def test_cameras_that_are_not_understood_are_refused(changes: dict[str, object]) -> None:
     with pytest.raises(BadInputError):
         camera_from_info(camera_info(**changes))
 

@@ -1,0 +1,214 @@
+"""The camera of a transforms.json (nerfstudio, instant-ngp, Polycam, LichtFeld): all or refused."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from geometry.camera import HALF_PIXEL, Camera
+from geometry.errors import BadInputError
+from geometry.lens_keys import is_nothing, refuse_unread_terms, speaks_of_lens
+
+LENS_TERMS: dict[str, tuple[str, ...]] = {
+    "SIMPLE_PINHOLE": (),
+    "PINHOLE": (),
+    "SIMPLE_RADIAL": ("k1",),
+    "RADIAL": ("k1", "k2"),
+    "OPENCV": ("k1", "k2", "p1", "p2"),
+    "FULL_OPENCV": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "SIMPLE_RADIAL_FISHEYE": ("k1",),
+    "RADIAL_FISHEYE": ("k1", "k2"),
+    "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
+    "THIN_PRISM_FISHEYE": ("k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
+}
+"""Keys of each model's lens, in COLMAP's order."""
+READ_AS = {
+    "SIMPLE_PINHOLE": "OPENCV",
+    "PINHOLE": "OPENCV",
+    "SIMPLE_RADIAL": "OPENCV",
+    "RADIAL": "OPENCV",
+    "SIMPLE_RADIAL_FISHEYE": "OPENCV_FISHEYE",
+    "RADIAL_FISHEYE": "OPENCV_FISHEYE",
+}
+"""Models that are another one with further terms at zero."""
+ALIASES = {"fx": "fl_x", "fy": "fl_y", "width": "w", "height": "h"}
+"""Names that Polycam and others give to the same numbers."""
+INTRINSICS = frozenset(("fl_x", "fl_y", "cx", "cy", "w", "h")) | {
+    "camera_angle_x",
+    "camera_angle_y",
+    "camera_model",
+    "is_fisheye",
+}
+"""Keys of a camera that every model may have."""
+SAME_CAMERA_PX = 0.05
+"""Cameras whose pixels lie this near to each other are one camera, rounded; chosen."""
+GRID = 9
+"""Pixels along each side of the image at which cameras are compared."""
+
+
+def is_same_camera(a: Camera, b: Camera) -> bool:
+    """True where both see every part of the image at the same pixels, to within rounding."""
+    if a == b:
+        return True
+    if (a.width, a.height) != (b.width, b.height):
+        return False
+    across, down = np.linspace(0, a.width - 1, GRID), np.linspace(0, a.height - 1, GRID)
+    pixels = np.stack(np.meshgrid(across, down), axis=-1)
+    off = np.abs(b.project(a.rays(pixels)) - pixels)
+    return bool((off < SAME_CAMERA_PX).all())
+
+
+def merge_cameras(cameras: Iterable[Camera]) -> Camera:
+    """The one camera that all of them are.
+
+    Raises:
+        BadInputError: There is none, or they are different ones; how many.
+    """
+    different: list[Camera] = []
+    for camera in cameras:
+        if not any(is_same_camera(known, camera) for known in different):
+            different.append(camera)
+    if not different:
+        raise BadInputError("0 cameras; expected the images of one camera")
+    if len(different) > 1:
+        focal_px = [camera.focal_px for camera in different]
+        raise BadInputError(
+            f"{len(different)} cameras (focal lengths {min(focal_px):.5g} to {max(focal_px):.5g} "
+            "px); expected the images of one camera: give those of one lens and zoom, or one "
+            "camera for all with --camera"
+        )
+    return different[0]
+
+
+def read_transforms_camera(
+    content: Mapping[str, Any], frames: Iterable[Mapping[str, Any]]
+) -> Camera:
+    """The camera of all frames of a transforms.json, whose own values go before those for all.
+
+    Raises:
+        BadInputError: Something of it is not known, or the frames are of several cameras.
+        KeyError, TypeError, ValueError: A value is missing or no number.
+    """
+    common = _rename_aliases(content)
+    cameras: dict[str, Camera] = {}
+    for frame in frames:
+        renamed = _rename_aliases(frame).items()
+        own = {k: value for k, value in renamed if k in INTRINSICS or speaks_of_lens(k)}
+        label = repr(sorted(own.items()))
+        if label not in cameras:
+            cameras[label] = read_camera_block({**common, **own})
+    return merge_cameras(cameras.values() or [read_camera_block(common)])
+
+
+def read_camera_block(block: Mapping[str, Any]) -> Camera:
+    """The camera of one block of keys.
+
+    Raises:
+        BadInputError: A key or the model is not known, or the size or focal length is missing.
+        TypeError, ValueError: A value is no number.
+    """
+    model = _model_of(block)
+    terms = LENS_TERMS[model]
+    refuse_unread_terms(block, INTRINSICS | set(terms), f"camera model {model}")
+    lens = [float(block.get(key) or 0.0) for key in terms]
+    model = READ_AS.get(model, model)
+    if model in ("OPENCV", "FULL_OPENCV") and not any(lens):
+        model, lens = "PINHOLE", []
+    elif model == "FULL_OPENCV" and not any(lens[4:]):
+        model, lens = "OPENCV", lens[:4]
+    else:
+        lens += [0.0] * (len(LENS_TERMS[model]) - len(lens))
+    width, height = _whole_px(block, "w"), _whole_px(block, "h")
+    focal_x, focal_y = _focal_lengths(block, width, height, fisheye="FISHEYE" in model)
+    cx = float(block.get("cx", width / 2)) - HALF_PIXEL
+    cy = float(block.get("cy", height / 2)) - HALF_PIXEL
+    params = (focal_x, focal_y, cx, cy, *lens)
+    return Camera(model=model, width=width, height=height, params=params)
+
+
+def write_camera_block(camera: Camera) -> dict[str, Any]:
+    """The keys of a camera in a transforms.json.
+
+    Raises:
+        BadInputError: The camera model has no counterpart there.
+    """
+    if camera.model not in LENS_TERMS:
+        raise BadInputError(f"transforms.json has no camera model like {camera.model}")
+    model = READ_AS.get(camera.model, camera.model)
+    shared_focal = camera.model.startswith("SIMPLE_") or camera.model.startswith("RADIAL")
+    focal_y = camera.params[0 if shared_focal else 1]
+    cx, cy, *lens = camera.params[1 if shared_focal else 2 :]
+    block = {
+        "camera_model": model,
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": camera.params[0],
+        "fl_y": focal_y,
+        "cx": cx + HALF_PIXEL,
+        "cy": cy + HALF_PIXEL,
+    }
+    terms = LENS_TERMS[model]
+    return block | dict(zip(terms, [*lens, *[0.0] * (len(terms) - len(lens))], strict=True))
+
+
+def _rename_aliases(block: Mapping[str, Any]) -> dict[str, Any]:
+    renamed = {key: value for key, value in block.items() if key not in ALIASES}
+    for alias, key in ALIASES.items():
+        if alias in block:
+            if key in renamed and renamed[key] != block[alias]:
+                raise BadInputError(f"{key} is {renamed[key]!r} and {alias} {block[alias]!r}")
+            renamed[key] = block[alias]
+    return renamed
+
+
+def _model_of(block: Mapping[str, Any]) -> str:
+    """The model that a block names, or that its terms need."""
+    named = block.get("camera_model")
+    model = "OPENCV" if named is None else str(named).upper()
+    if model not in LENS_TERMS:
+        raise BadInputError(f"camera model {named!r} is not one of {', '.join(LENS_TERMS)}")
+    if not is_nothing(block.get("is_fisheye")):
+        if named is not None and "FISHEYE" not in model:
+            raise BadInputError(f"camera model {named!r} and is_fisheye contradict each other")
+        return "OPENCV_FISHEYE" if named is None else model
+    if model != "OPENCV":
+        return model
+    if not is_nothing(block.get("k4")) and not {"k5", "k6"} & block.keys():
+        raise BadInputError(
+            f"k4 = {block['k4']!r} of camera model OPENCV has two meanings (a power of the radius, "
+            "or a denominator); name the model FULL_OPENCV or OPENCV_FISHEYE"
+        )
+    more = any(not is_nothing(block.get(key)) for key in ("k3", "k4", "k5", "k6"))
+    return "FULL_OPENCV" if more else "OPENCV"
+
+
+def _whole_px(block: Mapping[str, Any], key: str) -> int:
+    if block.get(key) is None:
+        raise BadInputError("w and h, the size of the images in px, are missing")
+    value = float(block[key])
+    if value != round(value):
+        raise BadInputError(f"{key} = {value} is no whole number of px")
+    return round(value)
+
+
+def _focal_lengths(
+    block: Mapping[str, Any], width: int, height: int, *, fisheye: bool
+) -> tuple[float, float]:
+    found: list[float | None] = []
+    for axis, side in (("x", width), ("y", height)):
+        focal, angle = block.get(f"fl_{axis}"), block.get(f"camera_angle_{axis}")
+        if focal is not None:
+            found.append(float(focal))
+        elif angle is not None and not fisheye:
+            found.append(side / 2 / float(np.tan(float(angle) / 2)))
+        else:
+            found.append(None)
+    focal_x, focal_y = found
+    either = focal_x if focal_x is not None else focal_y
+    if either is None:
+        angle_too = "" if fisheye else " or camera_angle_x"
+        raise BadInputError(f"the focal length is missing: fl_x{angle_too}")
+    return (
+        either if focal_x is None else focal_x,
+        either if focal_y is None else focal_y,
+    )
