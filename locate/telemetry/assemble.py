@@ -70,6 +70,7 @@ def track_from_columns(
     datum: AltitudeDatum = AltitudeDatum.UNKNOWN,
     clock: Clock = Clock.NONE,
     names: Sequence[str] | None = None,
+    warnings: Sequence[str] = (),
 ) -> TelemetryTrack:
     """Checks columns and makes a track of them.
 
@@ -84,6 +85,7 @@ def track_from_columns(
         datum: Of ``altitude_m``; without any altitude the height above takeoff takes its place.
         clock: Of ``clock_s``.
         names: Photo of each record.
+        warnings: What the parser left out.
 
     Raises:
         BadInputError: No record has the position or attitude of the camera, or the frame that a
@@ -105,16 +107,22 @@ def track_from_columns(
             "(was the receiver off or without fix?)"
         )
     times_s: FloatArray | None = None
-    warnings: list[str] = []
+    disorder: list[str] = []
     if names is None:
-        times_s, kept, warnings = _sort_by_time(path, kind, clean, kept)
+        times_s, kept, disorder = _sort_by_time(path, kind, clean, kept)
     rows = np.flatnonzero(kept)
     if times_s is not None:
         rows = rows[np.argsort(times_s[rows], kind="stable")]
         times_s = times_s[rows]
     lost = int(nowhere[rows].sum())
+    notes = [*disorder, *warnings]
     if lost:
-        warnings.append(f"{path.name}: {lost} of {len(rows)} records have no position")
+        notes.append(f"{path.name}: {lost} of {len(rows)} records have no position")
+    if len(rows) < n:
+        notes.append(
+            f"{path.name}: {n - len(rows)} of {n} records were left out: "
+            "nothing in them, no time, or the time of another"
+        )
     if not np.isfinite(clean["clock_s"][rows]).any():
         clock = Clock.NONE
     return TelemetryTrack(
@@ -125,7 +133,7 @@ def track_from_columns(
         clock=clock,
         times_s=times_s,
         names=() if names is None else tuple(names[int(i)] for i in rows),
-        warnings=tuple(warnings),
+        warnings=tuple(notes),
     )
 
 

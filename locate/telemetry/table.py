@@ -1,28 +1,48 @@
 """Tables with a header line: CSV of any delimiter, exiftool, Airdata, senseFly's geoinfo.
 
 The column names understood are those of `ALIASES`, in any case and spelling of spaces; a unit may
-follow in brackets. Everything else is passed over.
+follow in brackets. Other columns are passed over. A cell of a known column that is of no known
+form is refused: its row has no position, or lacks that value, and the track's warnings say so.
 """
 
 import csv
 import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import isnan, nan
+from math import isfinite, isnan, nan
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from locate.telemetry.assemble import ColumnStore, Record, track_from_columns
-from locate.telemetry.clock import parse_date_time
+from locate.telemetry.cells import (
+    ANGLES,
+    DAY_S,
+    DURATIONS,
+    LENGTHS,
+    SPEEDS,
+    UnknownForm,
+    parse_clock_time,
+    parse_coordinate,
+    parse_date,
+    parse_quantity,
+    parse_stamp,
+)
+from locate.telemetry.refused import RefusedText, raise_if_all_refused, summarize_refused
 from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "table"
 ALIASES = {
     "name": "filename name image imagename photo file",
+    "path": "sourcefile",
     "latitude_deg": "latitude lat gpslatitude latitudedeg",
     "longitude_deg": "longitude lon lng long longtitude gpslongitude longitudedeg",
+    "latitude_ref": "gpslatituderef latituderef latref ns",
+    "longitude_ref": "gpslongituderef longituderef lonref lngref ew",
+    "altitude_ref": "gpsaltituderef altituderef",
     "ellipsoid_m": "altitudewgs84 ellipsoidalheight altitudeellipsoid ellh",
     "sea_level_m": "altitudeamsl amsl altitudeabovesealevel altitudemsl",
     "altitude_m": "altitude alt ele elevation absolutealtitude gpsaltitude absalt altitudem",
@@ -37,18 +57,28 @@ ALIASES = {
     "vehicle_pitch_deg": "flightpitchdegree pitch vehiclepitchdeg",
     "vehicle_roll_deg": "flightrolldegree roll vehiclerolldeg",
     "times_s": "time times t seconds elapsed timestamp",
-    "clock_s": "datetime datetimeoriginal utc gpsdatetime date clock datetimeutc",
+    "clock_s": "datetime datetimeoriginal utc gpsdatetime clock datetimeutc",
+    "day": "date day",
 }
-UNITS = {
-    "feet": 0.3048,
-    "ft": 0.3048,
-    "mph": 0.44704,
-    "km/h": 1 / 3.6,
-    "millisecond": 1e-3,
-    "milliseconds": 1e-3,
-    "ms": 1e-3,
-    "us": 1e-6,
+UNITS_OF = {
+    "latitude_deg": ANGLES,
+    "longitude_deg": ANGLES,
+    "ellipsoid_m": LENGTHS,
+    "sea_level_m": LENGTHS,
+    "altitude_m": LENGTHS,
+    "height_m": LENGTHS,
+    "horizontal_sigma_m": LENGTHS,
+    "vertical_sigma_m": LENGTHS,
+    "speed_mps": SPEEDS,
+    "times_s": DURATIONS,
 }
+"""Units by column; those of angles elsewhere."""
+_NO_UNITS = {"", "utc", "local", "gmt", "wgs84", "msl", "amsl", "egm96", "ellipsoid", "posix"}
+"""What else may stand in the brackets of a title."""
+_TEXTS = ("name", "path", "latitude_ref", "longitude_ref", "altitude_ref", "clock_s", "day")
+_SIGNED_HEIGHTS = {"1", "3", "below sea level"}
+_UNSIGNED_HEIGHTS = {"", "0", "2", "above sea level"}
+"""Of GPSAltitudeRef, EXIF 3.0, table 17, as exiftool writes it."""
 ALTITUDES = {
     "ellipsoid_m": AltitudeDatum.ELLIPSOID,
     "sea_level_m": AltitudeDatum.MEAN_SEA_LEVEL,
@@ -56,7 +86,9 @@ ALTITUDES = {
 }
 _COLUMN_OF = {alias: column for column, names in ALIASES.items() for alias in names.split()}
 _TITLE = re.compile(r"([^(\[]{1,60})(?:[(\[]([^)\]]{1,20}))?")
-_NUMBER = re.compile(r"[-+]?\d{1,15}(?:\.\d{0,15})?(?:e[-+]?\d{1,3})?", re.IGNORECASE)
+_GROUP = re.compile(r"(?:exif|gps|xmp|xmp-[a-z-]{1,20}|composite|file|system|ifd0):")
+_UNSIGNED_GROUPS = ("exif", "gps")
+"""Groups of exiftool whose coordinates have their sign in another column."""
 _HEADER_LINES = 20
 """The header is within so many lines."""
 _FIRST_POSIX_S = 1e8
@@ -65,12 +97,24 @@ _FIRST_POSIX_S = 1e8
 
 @dataclass(frozen=True, kw_only=True)
 class _TableColumn:
-    """A column that is understood: its key of `ALIASES`, its place, its unit and its title."""
+    """A column that is understood.
+
+    Attributes:
+        key: Of `ALIASES`.
+        index: Its place.
+        unit: What its title has in brackets; empty without.
+        title: As the file has it.
+        is_signed: False for coordinates whose sign stands in another column.
+    """
 
     key: str
     index: int
-    factor: float
+    unit: str
     title: str
+    is_signed: bool
+
+
+_Columns: TypeAlias = Mapping[str, _TableColumn]
 
 
 def looks_like_table(head: str) -> bool:
@@ -81,26 +125,31 @@ def looks_like_table(head: str) -> bool:
 def parse_table(text: str, path: Path) -> TelemetryTrack:
     """Reads a table of positions.
 
-    Coordinates may be decimal, or degrees, minutes and seconds with N, S, E or W. Rows with photo
-    names make a track of photos; others need a time. Of several altitudes the ellipsoidal one is
-    taken, then the one above sea level.
+    Coordinates may be decimal, or degrees, minutes and seconds with N, S, E or W, also in columns
+    of their own. Rows with photo names make a track of photos; others need a time. Of several
+    altitudes the ellipsoidal one is taken, then the one above sea level.
 
     Raises:
-        BadInputError: No column names for a latitude and a longitude, or nothing under them.
+        BadInputError: No column names for a latitude and a longitude, nothing under them, or no
+            position of a known form.
     """
     header = _find_header(text)
     if header is None:
         raise BadInputError(f"{path}: no header line that names a latitude and a longitude")
-    start, delimiter, columns = header
-    by_photo = next((column.index for column in columns if column.key == "name"), None)
-    store, names = ColumnStore(), list[str]()
+    start, delimiter, width, columns = header
+    _check_units(columns, path, start + 1)
+    by_photo = columns.get("name", columns.get("path"))
+    store, names, refused = ColumnStore(), list[str](), list[RefusedText]()
     try:
-        for row in csv.reader(text.splitlines()[start + 1 :], delimiter=delimiter):
-            store.add(_row_record(columns, row))
-            names += row[by_photo : by_photo + 1] or [""] if by_photo is not None else []
+        for line, row in _read_rows(text, start, delimiter):
+            store.add(_row_record(columns, row, width, line, refused))
+            if by_photo is not None:
+                names.append(row[by_photo.index] if by_photo.index < len(row) else "")
     except csv.Error as error:
         raise BadInputError(f"{path}: not a readable table ({error})") from error
     values = store.arrays()
+    raise_if_all_refused(path, values, refused)
+    _count_on_past_midnight(values)
     return track_from_columns(
         path,
         "senseFly geoinfo" if "sensefly/geoinfo" in text[:200] else KIND,
@@ -108,54 +157,157 @@ def parse_table(text: str, path: Path) -> TelemetryTrack:
         datum=_choose_altitude(values),
         clock=Clock.UTC if "utc" in values else Clock.LOCAL,
         names=None if by_photo is None else names,
+        warnings=summarize_refused(path, refused),
     )
 
 
-def _find_header(text: str) -> tuple[int, str, list[_TableColumn]] | None:
-    """Line, delimiter and columns of the header."""
+def _read_rows(text: str, start: int, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of each row below the header that holds anything."""
+    reader = csv.reader(text.splitlines()[start + 1 :], delimiter=delimiter)
+    for row in reader:
+        if any(cell.strip() for cell in row):
+            yield start + 1 + reader.line_num, row
+
+
+def _find_header(text: str) -> tuple[int, str, int, _Columns] | None:
+    """Line, delimiter, number of titles and columns of the header."""
     for line, content in enumerate(text.split("\n", _HEADER_LINES)[:_HEADER_LINES]):
         delimiter = max(",;\t", key=content.count)
-        columns = _find_columns(content.split(delimiter))
-        if {"latitude_deg", "longitude_deg"} <= {column.key for column in columns}:
-            return line, delimiter, columns
+        titles = content.strip("\r").split(delimiter)
+        columns = _find_columns(titles)
+        if {"latitude_deg", "longitude_deg"} <= columns.keys():
+            return line, delimiter, len(titles), columns
     return None
 
 
-def _find_columns(titles: list[str]) -> list[_TableColumn]:
-    """The columns understood, the first of each kind; a file name before a path."""
+def _find_columns(titles: list[str]) -> _Columns:
+    """The columns understood, the first of each kind, and one with a sign before one without."""
     found: dict[str, _TableColumn] = {}
     for index, title in enumerate(titles):
-        match = _TITLE.match(title.strip().strip('"').lower())
+        plain = title.strip().strip('"').lower()
+        group = _GROUP.match(plain)
+        match = _TITLE.match(plain[group.end() :] if group else plain)
         name, unit = match.groups() if match else ("", None)
         key = _COLUMN_OF.get(re.sub(r"[^a-z0-9]", "", name))
         if key is not None:
-            factor = UNITS.get(unit or "", 1.0)
-            found.setdefault(key, _TableColumn(key=key, index=index, factor=factor, title=title))
-    return list(found.values())
+            is_signed = group is None or group.group()[:-1] not in _UNSIGNED_GROUPS
+            column = _TableColumn(
+                key=key, index=index, unit=(unit or "").strip(), title=title, is_signed=is_signed
+            )
+            if key not in found or (is_signed and not found[key].is_signed):
+                found[key] = column
+    return found
 
 
-def _row_record(columns: list[_TableColumn], row: list[str]) -> Record:
+def _check_units(columns: _Columns, path: Path, line: int) -> None:
+    for key, column in columns.items():
+        known = UNITS_OF.get(key, ANGLES).keys() | _NO_UNITS
+        if key not in _TEXTS and column.unit not in known:
+            raise BadInputError(
+                f"{path}, line {line}: the unit of {column.title.strip()!r} is not understood; "
+                f"write one of {', '.join(sorted(known - _NO_UNITS))}"
+            )
+
+
+def _row_record(
+    columns: _Columns, row: list[str], width: int, line: int, refused: list[RefusedText]
+) -> Record:
+    """The values of one row; what is of no known form goes to `refused`."""
+    if any(cell.strip() for cell in row[width:]) or len(row) <= _last_needed(columns):
+        why = f"{len(row)} cells under {width} titles (a comma within a number, or cut off?)"
+        refused.append(RefusedText(line, "row", ",".join(row), why, is_position=True))
+        return {}
+    cells = {key: row[c.index] if c.index < len(row) else "" for key, c in columns.items()}
     record: Record = {}
-    for column in columns:
-        text = row[column.index] if column.index < len(row) else ""
-        if column.key in ("latitude_deg", "longitude_deg"):
-            record[column.key] = _parse_degrees(text)
-        elif column.key in ("times_s", "clock_s"):
-            record |= _time_record(column, text)
-        elif column.key != "name":
-            record[column.key] = _parse_number(text) * column.factor
+    for key, column in columns.items():
+        try:
+            record |= _cell_record(column, cells)
+        except UnknownForm as error:
+            is_position = key in ("latitude_deg", "longitude_deg")
+            refused.append(
+                RefusedText(line, column.title.strip(), cells[key], str(error), is_position)
+            )
+    if not isfinite(record.get("latitude_deg", nan) + record.get("longitude_deg", nan)):
+        record |= {"latitude_deg": nan, "longitude_deg": nan}
+    return record | _time_record(columns, cells, line, refused)
+
+
+def _last_needed(columns: _Columns) -> int:
+    """Place of the coordinate that stands last."""
+    return max(columns[key].index for key in ("latitude_deg", "longitude_deg"))
+
+
+def _cell_record(column: _TableColumn, cells: Mapping[str, str]) -> Record:
+    key, text = column.key, cells[column.key]
+    if key in ("latitude_deg", "longitude_deg"):
+        axis = key.removesuffix("_deg")
+        reference = cells.get(f"{axis}_ref", None if column.is_signed else "")
+        return {key: parse_coordinate(text, axis, reference)}
+    if key in _TEXTS or key == "times_s":
+        return {}
+    decimal_comma = "," in cells["latitude_deg"] + cells["longitude_deg"]
+    units = UNITS_OF.get(key, ANGLES)
+    value = parse_quantity(text, units, unit=column.unit, decimal_comma=decimal_comma)
+    return {key: _signed_height(value, cells) if key == "altitude_m" else value}
+
+
+def _signed_height(height_m: float, cells: Mapping[str, str]) -> float:
+    side = cells.get("altitude_ref", "").strip().lower()
+    if side not in _SIGNED_HEIGHTS | _UNSIGNED_HEIGHTS and not isnan(height_m):
+        raise UnknownForm(f"{side!r} is no known side of the sea level")
+    return -abs(height_m) if side in _SIGNED_HEIGHTS else height_m
+
+
+def _time_record(
+    columns: _Columns, cells: Mapping[str, str], line: int, refused: list[RefusedText]
+) -> Record:
+    """Seconds since 1970, or from any start, of the columns of times together."""
+    record: Record = {}
+    days_s: list[float] = []
+    for key in ("clock_s", "day", "times_s"):
+        column, text = columns.get(key), cells.get(key, "")
+        if column is None:
+            continue
+        try:
+            found = _moment_record(column, text)
+        except UnknownForm as error:
+            refused.append(RefusedText(line, column.title.strip(), text, str(error), False))
+            continue
+        if "day_s" in found:
+            days_s.append(found.pop("day_s"))
+        if "of_day_s" in found and days_s:
+            found["clock_s"] = found.pop("of_day_s") + days_s[0]
+        record = found | record
     return record
 
 
-def _time_record(column: _TableColumn, text: str) -> Record:
-    seconds, zoned = parse_date_time(text)
-    if isnan(seconds):
-        seconds = _parse_number(text) * column.factor
-        if not abs(seconds) >= _FIRST_POSIX_S:
-            return {"times_s": seconds} if column.key == "times_s" else {}
-        zoned = True
-    is_utc = zoned or "utc" in column.title.lower()
-    return {"clock_s": seconds, "utc": 1.0} if is_utc else {"clock_s": seconds}
+def _moment_record(column: _TableColumn, text: str) -> Record:
+    """One of ``clock_s`` (perhaps with ``utc``), ``day_s``, ``of_day_s`` and ``times_s``."""
+    utc: Record = {"utc": 1.0} if "utc" in column.title.lower() else {}
+    seconds, zoned = parse_stamp(text)
+    if not isnan(seconds):
+        return {"clock_s": seconds} | ({"utc": 1.0} if zoned else utc)
+    if not isnan(of_day_s := parse_clock_time(text)):
+        return {"of_day_s": of_day_s} | utc
+    if not isnan(day_s := parse_date(text)):
+        return {"day_s": day_s}
+    value = parse_quantity(text, DURATIONS, unit=column.unit)
+    if abs(value) >= _FIRST_POSIX_S:
+        return {"clock_s": value, "utc": 1.0}
+    if not isnan(value) and column.key != "times_s":
+        raise UnknownForm("no known form of a date and time")
+    return {} if isnan(value) else {"times_s": value}
+
+
+def _count_on_past_midnight(values: dict[str, FloatArray]) -> None:
+    """Makes times of day that have no date the table's ``times_s``."""
+    of_day_s = values.pop("of_day_s", None)
+    if of_day_s is None or np.isfinite(values.get("times_s", np.nan)).any():
+        return
+    known = np.isfinite(of_day_s)
+    past = np.diff(of_day_s[known], prepend=of_day_s[known][:1]) < -DAY_S / 2
+    of_day_s[known] += DAY_S * np.cumsum(past)
+    values["times_s"] = of_day_s
 
 
 def _choose_altitude(values: dict[str, FloatArray]) -> AltitudeDatum:
@@ -165,17 +317,3 @@ def _choose_altitude(values: dict[str, FloatArray]) -> AltitudeDatum:
             values["altitude_m"] = values[key]
             return datum
     return AltitudeDatum.UNKNOWN
-
-
-def _parse_degrees(text: str) -> float:
-    parts = [abs(float(number)) for number in _NUMBER.findall(text)[:3]]
-    if not parts:
-        return nan
-    whole, minutes, seconds = (*parts, 0.0, 0.0)[:3]
-    degrees = whole + minutes / 60 + seconds / 3600
-    return -degrees if text.lstrip().startswith("-") or text.rstrip()[-1:] in "SWsw" else degrees
-
-
-def _parse_number(text: str) -> float:
-    found = _NUMBER.search(text)
-    return float(found.group()) if found else nan
