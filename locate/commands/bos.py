@@ -13,6 +13,7 @@ from locate.journal.progress import Report, progress_bars
 
 if TYPE_CHECKING:
     from detect.recordings import RecordedPairs
+    from geometry.stretch import Stretch
     from locate.recording import Recording
 
 SplitName = Literal["train", "validation", "test"]
@@ -41,10 +42,11 @@ def bos(
     from locate.recording.recording import ANY_SIDE, open_recording
 
     settings = PairSettings(flow=flow, size_px=size, every=every, split=split)
-    known = parse_reference(reference)
+    parse_reference(reference)
     refused = 0
     for path in recordings:
         recording = open_recording(path, max_side=ANY_SIDE)
+        known = parse_reference(reference, recording.stretch)
         name = path.resolve().stem if recording.is_video else path.resolve().name
         with progress_bars(err) as report:
             pairs = record_pairs(
@@ -58,8 +60,12 @@ def bos(
         )
 
 
-def parse_reference(text: str) -> GreyImage | int:
+def parse_reference(text: str, stretch: "Stretch | None" = None) -> GreyImage | int:
     """A number of frames from first:N, or the image in that file.
+
+    Args:
+        text: As given.
+        stretch: Of the recording, for an image of 16 bits.
 
     Raises:
         BadInputError: Neither.
@@ -71,7 +77,7 @@ def parse_reference(text: str) -> GreyImage | int:
         return int(count)
     from locate.recording.images import read_grey
 
-    return read_grey(Path(text))
+    return read_grey(Path(text), stretch)
 
 
 def describe_pairs(pairs: "RecordedPairs") -> str:

@@ -41,12 +41,12 @@ def detect(
     from detect.registry import make_detector
     from locate.pipeline.frame_by_frame import MASK_NATS, detect_frames
     from locate.recording.images import read_grey
+    from locate.recording.recording import ANY_SIDE, open_recording
 
-    method = make_detector(
-        detector,
-        weights=weights,
-        reference=None if reference is None else read_grey(reference),
-    )
+    view = None
+    if reference is not None:
+        view = read_grey(reference, open_recording(source, max_side=ANY_SIDE).stretch)
+    method = make_detector(detector, weights=weights, reference=view)
     with interruptible(), progress_bars(err) as report:
         summaries = detect_frames(
             source,

@@ -10,6 +10,7 @@ import numpy as np
 from detect.detection import Frames
 from geometry.named_poses import read_camera
 from geometry.pose_files import read_named_poses
+from geometry.stretch import Stretch
 from locate.recording.images import FrameImages, write_png
 from locate.recording.posed_frames import PosedFrames
 from locate.recording.recording import Recording
@@ -29,6 +30,7 @@ class FrameFiles:
         times_s: Of each; of photos the index.
         size: Width and height of the first, px.
         fps: Frames per second; slow where they are photos, which have no times.
+        stretch: Of the recording, for photos of 16 bits.
     """
 
     folder: Path
@@ -37,6 +39,7 @@ class FrameFiles:
     times_s: tuple[float, ...]
     size: tuple[int, int]
     fps: float
+    stretch: Stretch | None = None
 
     @classmethod
     def of(cls, recording: Recording, workshop: Path, *, every: int = 1) -> Self:
@@ -56,6 +59,7 @@ class FrameFiles:
                 times_s=tuple(map(float, indices)),
                 size=size,
                 fps=PHOTOS_FPS,
+                stretch=recording.stretch,
             )
         kept = []
         for frame in recording.frames():
@@ -81,7 +85,8 @@ class FrameFiles:
 
     def frames(self) -> Frames:
         """The frames as they are."""
-        return Frames(images=FrameImages([self.folder / name for name in self.names]))
+        paths = [self.folder / name for name in self.names]
+        return Frames(images=FrameImages(paths, stretch=self.stretch))
 
     def with_poses(self, poses: Path, camera: Path | None) -> tuple[Self, Frames]:
         """Those that have a pose, and these undistorted.
@@ -104,6 +109,7 @@ class FrameFiles:
             indices=trajectory.indices,
             camera=trajectory.camera,
             trajectory=trajectory,
+            stretch=self.stretch,
         )
         return left, posed.undistorted()
 
@@ -116,4 +122,5 @@ class FrameFiles:
             times_s=tuple(self.times_s[row] for row in rows),
             size=self.size,
             fps=self.fps,
+            stretch=self.stretch,
         )

@@ -14,6 +14,8 @@ from geometry.arrays import FloatMap, GreyImage
 from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.stretch import Stretch
+from locate.recording.formats import READ, refusal_of
 
 CACHED = 24
 """Images kept in memory."""
@@ -27,10 +29,17 @@ class FrameImages(Sequence[GreyImage]):
     Args:
         paths: The files.
         camera: That took them; None where it is unknown, then nothing is undistorted.
+        stretch: Of their recording, for files of 16 bits.
     """
 
-    def __init__(self, paths: Sequence[Path], camera: Camera | None = None) -> None:
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        camera: Camera | None = None,
+        stretch: Stretch | None = None,
+    ) -> None:
         self._paths = list(paths)
+        self._stretch = stretch
         self._map = None if camera is None else distortion_map(camera)
         self._cache: OrderedDict[int, GreyImage] = OrderedDict()
 
@@ -43,7 +52,7 @@ class FrameImages(Sequence[GreyImage]):
     def __getitem__(self, i: slice) -> "FrameImages": ...
     def __getitem__(self, i: int | slice) -> "GreyImage | FrameImages":
         if isinstance(i, slice):
-            part = FrameImages(self._paths[i])
+            part = FrameImages(self._paths[i], stretch=self._stretch)
             part._map = self._map
             return part
         if i not in self._cache:
@@ -56,31 +65,54 @@ class FrameImages(Sequence[GreyImage]):
     def _read_image(self, path: Path) -> GreyImage:
         if not path.exists():
             raise BadInputError(f"{path}: is gone; in a run folder, repeat the run with --force")
-        image = read_grey(path)
+        image = read_grey(path, self._stretch)
         if self._map is not None:
             image = np.rint(sample(image, self._map)).clip(0, 255).astype(np.uint8)
         return image
 
 
-def read_grey(path: Path) -> GreyImage:
+def read_grey(path: Path, stretch: Stretch | None = None) -> GreyImage:
     """An image file in grey: colour is weighted, alpha ignored, EXIF's turn of it obeyed.
 
-    16-bit files hold 10, 12, 14 or 16 bits, by the largest value in them, of which 8 are kept.
+    Args:
+        path: The file.
+        stretch: Of the recording, for samples of 16 bits; without one it is chosen from the file.
+
+    Raises:
+        BadInputError: See `read_samples`.
+    """
+    return show_in_grey(read_samples(path), stretch)
+
+
+def show_in_grey(
+    samples: NDArray[np.uint8] | NDArray[np.uint16], stretch: Stretch | None = None
+) -> GreyImage:
+    """The (H, W) image of 8 bits that `read_grey` gives of these samples."""
+    if samples.dtype == np.uint8:
+        return np.asarray(samples, dtype=np.uint8)
+    deep = samples.astype(np.uint16, copy=False)
+    scale = stretch or Stretch.choose([deep])
+    assert scale is not None
+    return scale.apply(deep)
+
+
+def read_samples(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The (H, W) samples of an image file in grey, as deep as they are stored.
 
     Raises:
         BadInputError: The file cannot be read, or its samples are not of 8 or 16 bits.
     """
     try:
         content = np.fromfile(path, dtype=np.uint8)
+        refusal = refusal_of(path, content.tobytes())
+        if refusal is not None:
+            raise BadInputError(f"{path}: {refusal}")
         image = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH) if len(content) else None
     except (OSError, cv2.error) as error:
         raise BadInputError(f"{path}: cannot be read ({error})") from error
     if image is None:
-        raise BadInputError(f"{path}: not a readable image; remove or replace it")
-    if image.dtype == np.uint16:
-        bits = max(10, 2 * -(-int(image.max()).bit_length() // 2))
-        image = np.rint(image / np.float32(1 << (bits - 8))).clip(0, 255).astype(np.uint8)
-    if image.dtype != np.uint8:
+        raise BadInputError(f"{path}: not a readable image ({READ}); remove or replace it")
+    if image.dtype not in (np.uint8, np.uint16):
         raise BadInputError(f"{path}: samples are {image.dtype}; save it with 8 or 16 bits")
     return np.asarray(image)
 

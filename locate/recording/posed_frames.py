@@ -10,6 +10,7 @@ from detect.detection import Frames
 from detect.fluctuation import longest_run
 from geometry.arrays import FloatArray, GreyImage, IntArray
 from geometry.camera import Camera
+from geometry.stretch import Stretch
 from geometry.trajectory import Trajectory
 from locate.recording.images import FrameImages
 from locate.recording.keyframes import CLOSELY_S
@@ -27,6 +28,7 @@ class PosedFrames:
         camera: That took them.
         trajectory: Its N poses; None where it was at rest.
         times_s: (N,) when each was taken; None where that is not known, as of photos.
+        stretch: Of the recording, where the images are its own files of 16 bits.
     """
 
     folder: Path
@@ -35,10 +37,12 @@ class PosedFrames:
     camera: Camera
     trajectory: Trajectory | None = None
     times_s: FloatArray | None = None
+    stretch: Stretch | None = None
 
     def undistorted(self) -> Frames:
         """The frames, undistorted, with the pinhole camera that would have taken them so."""
-        images = FrameImages([self.folder / name for name in self.names], self.camera)
+        paths = [self.folder / name for name in self.names]
+        images = FrameImages(paths, self.camera, self.stretch)
         return Frames(images=images, trajectory=self.undistorted_trajectory())
 
     def undistorted_trajectory(self) -> Trajectory | None:
@@ -55,7 +59,8 @@ class PosedFrames:
 
     def image_motion_px(self) -> float:
         """How far the image moves from the first frame to the middle and the last, median, px."""
-        images = FrameImages([self.folder / name for name in self.names])
+        paths = [self.folder / name for name in self.names]
+        images = FrameImages(paths, stretch=self.stretch)
         ends = (len(images) // 2, len(images) - 1)
         return max(median_motion(images[0], images[end]) for end in ends)
 

@@ -11,14 +11,16 @@ import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
+from geometry.stretch import Stretch
+from locate.recording.depth import grey_of_frame, stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
-from locate.recording.images import read_grey
+from locate.recording.formats import PHOTO_SUFFIXES, READ, REFUSED_SUFFIXES, refusal_of
+from locate.recording.images import read_samples, show_in_grey
 
 DEFAULT_MAX_SIDE = 1280
 """Longest side at which frames are processed, px."""
 ANY_SIDE = 1 << 30
 """A longest side that reduces no image, px."""
-PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"})
 MISSING_TAIL_S = 0.5
 """Missing end of a video from which on it counts as truncated."""
 NamedImage = tuple[float, str, GreyImage]
@@ -48,6 +50,7 @@ class Recording:
         source_height: Height of the recorded images, px.
         focal: Focal length from metadata, or None.
         expected_frames: What its header or the folder promises; 0 where nothing does.
+        stretch: How samples of more than 8 bits are shown in 8; None where they need no stretch.
         warnings: Filled while reading: what is wrong without making the recording useless.
         read: Yields time, name and image of each frame, for what is neither a video file nor
             photos.
@@ -61,6 +64,7 @@ class Recording:
     source_height: int
     focal: FocalPrior | None
     expected_frames: int = 0
+    stretch: Stretch | None = None
     warnings: list[str] = field(default_factory=list)
     read: Callable[[], Iterator[NamedImage]] | None = None
 
@@ -93,7 +97,9 @@ class Recording:
         if self.read is not None:
             return self.read()
         return (
-            _video_images(self.path, self.warnings) if self.is_video else _photo_images(self.photos)
+            _video_images(self.path, self.warnings, self.stretch)
+            if self.is_video
+            else _photo_images(self.photos, self.warnings, self.stretch)
         )
 
     def _at_working_size(self, image: GreyImage) -> GreyImage:
@@ -109,7 +115,7 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
     """Opens a video, a folder of photos or a photo.
 
     Args:
-        path: A video file, or .jpg, .png, .tif or .webp: one, or a folder of them.
+        path: A video file, or a photo (`PHOTO_SUFFIXES`), or a folder of photos.
         max_side: Longer images are reduced to this many px on the longest side.
 
     Raises:
@@ -117,17 +123,19 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
     """
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
-    is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES
+    is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES | REFUSED_SUFFIXES
     if path.is_dir() or is_photo:
         photos = (path,) if is_photo else _list_photos(path)
-        _, _, first = next(_photo_images(photos[:1]))
+        _, _, first = next(_photo_images(photos[:1], [], None))
         focal = focal_of_photo(photos[0])
+        stretch = stretch_of_photos(photos)
         expected_frames = len(photos)
     else:
         photos = ()
         first = _first_image(path)
         metadata, expected_frames = _video_header(path)
         focal = focal_of_video(metadata)
+        stretch = stretch_of_video(path)
     height, width = first.shape
     factor = min(1.0, max_side / max(height, width))
     return Recording(
@@ -139,6 +147,8 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
         source_height=height,
         focal=focal,
         expected_frames=expected_frames,
+        stretch=stretch,
+        warnings=[] if stretch is None else [f"{path.name}: {stretch.note}"],
     )
 
 
@@ -155,15 +165,29 @@ def _list_photos(folder: Path) -> tuple[Path, ...]:
         raise BadInputError(f"{folder}: cannot be read ({error.strerror})") from error
     photos = sorted((e for e in entries if e.suffix.lower() in PHOTO_SUFFIXES), key=natural_key)
     if not photos:
-        raise BadInputError(
-            f"{folder}: no photos in this folder (expected .jpg, .png, .tif, .webp)"
-        )
+        for entry in sorted(entries, key=natural_key):
+            refusal = refusal_of(entry, b"")
+            if refusal is not None:
+                raise BadInputError(f"{entry}: {refusal}")
+        raise BadInputError(f"{folder}: no photos in this folder (expected {READ})")
     return tuple(photos)
 
 
-def _photo_images(paths: tuple[Path, ...]) -> Iterator[tuple[float, str, GreyImage]]:
+def _photo_images(
+    paths: tuple[Path, ...], warnings: list[str], stretch: Stretch | None
+) -> Iterator[NamedImage]:
+    others = 0
     for index, path in enumerate(paths):
-        yield float(index), path.name, read_grey(path)
+        samples = read_samples(path)
+        others += (samples.dtype == np.uint16) != (stretch is not None)
+        yield float(index), path.name, show_in_grey(samples, stretch)
+    if others:
+        note = (
+            f"{others} of {len(paths)} photos have {'more than ' if stretch is None else ''}8 bits "
+            "a sample and the others not: their greys are not alike; save all with one depth"
+        )
+        if note not in warnings:
+            warnings.append(note)
 
 
 def _open_video(path: Path) -> "av.container.InputContainer":
@@ -196,7 +220,9 @@ def _first_image(path: Path) -> GreyImage:
     raise BadInputError(f"{path}: not one frame of this video can be decoded")
 
 
-def _video_images(path: Path, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
+def _video_images(
+    path: Path, warnings: list[str], stretch: Stretch | None = None
+) -> Iterator[tuple[float, str, GreyImage]]:
     """Decodes what there is; an early end is noted in `warnings`, not raised."""
     count, time_s, declared_s = 0, 0.0, 0.0
     broken = False
@@ -213,7 +239,7 @@ def _video_images(path: Path, warnings: list[str]) -> Iterator[tuple[float, str,
                     continue
                 time_s = frame.time if frame.time is not None else count / rate
                 count += 1
-                yield time_s, path.name, _to_grey(frame)
+                yield time_s, path.name, _to_grey(frame, stretch)
         except UNREADABLE:
             broken = True
     if broken or (count and declared_s - (time_s - start_s) - 1 / rate > MISSING_TAIL_S):
@@ -222,7 +248,7 @@ def _video_images(path: Path, warnings: list[str]) -> Iterator[tuple[float, str,
             warnings.append(note)
 
 
-def _to_grey(frame: av.VideoFrame) -> GreyImage:
-    image = frame.to_ndarray(format="gray")
+def _to_grey(frame: av.VideoFrame, stretch: Stretch | None) -> GreyImage:
+    image = grey_of_frame(frame, stretch)
     quarter_turns = round(getattr(frame, "rotation", 0) / 90) % 4
     return np.ascontiguousarray(np.rot90(image, quarter_turns))

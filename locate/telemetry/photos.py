@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 import exifread
 
 from geometry.errors import BadInputError
-from locate.recording.recording import PHOTO_SUFFIXES, natural_key
+from locate.recording.formats import PHOTO_SUFFIXES
+from locate.recording.recording import natural_key
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.bounded import report_as_bad_input
 from locate.telemetry.clock import parse_date_time, posix_s

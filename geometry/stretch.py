@@ -1,0 +1,114 @@
+"""Samples of more than 8 bits, shown in 8 bits of grey: one scale for a whole recording."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.arrays import GreyImage, IntArray
+
+VALUES = 1 << 16
+"""Values that a sample of 16 bits can take."""
+GREYS = 256
+"""Values that a sample of 8 bits can take."""
+FEWEST_BITS, MOST_BITS = 10, 16
+"""Bits that a camera with 16-bit samples uses."""
+TAIL = 0.001
+"""Share of the samples at either end that does not decide the scale (chosen)."""
+MARGIN = 0.05
+"""Added at either end, over the range between the tails, for frames that were not looked at."""
+WIDE = 0.5
+"""Share of all values from which on the range counts as used: then it is not stretched (chosen)."""
+FINEST_STEP = 0.25
+"""Fewest values a grey level: where there is no contrast, none is made of noise (chosen)."""
+CLIPPED = 0.01
+"""Share of the samples outside the scale from which on it no longer fits an image (chosen)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """A linear scale from samples of 16 bits to 8 bits of grey; what lies outside is cut.
+
+    Attributes:
+        low: The value that becomes black.
+        step: Values a grey level.
+        frames: Number of frames it was chosen from.
+    """
+
+    low: float
+    step: float
+    frames: int = 1
+
+    @classmethod
+    def choose(
+        cls, images: Iterable[NDArray[np.uint16]], *, bits: int | None = None
+    ) -> Self | None:
+        """The scale of a recording, from a spread of its frames; None without any.
+
+        Frames that use their range keep it: the highest 8 of their bits. Others are stretched from
+        the 0.1 to the 99.9 per cent of all their samples; 0 and the largest value of 16 bits,
+        which often mark pixels without a value, do not count.
+
+        Args:
+            images: (H, W) samples.
+            bits: In use; by default 10, 12, 14 or 16, by the largest value.
+        """
+        counts = np.zeros(VALUES, dtype=np.int64)
+        frames = 0
+        for image in images:
+            counts += np.bincount(image.ravel(), minlength=VALUES)
+            frames += 1
+        if not counts.any():
+            return None
+        largest = int(np.flatnonzero(counts)[-1])
+        bits = bits or max(FEWEST_BITS, 2 * -(-largest.bit_length() // 2))
+        first, last = _trim_tails(counts)
+        if last - first >= WIDE * (1 << bits):
+            return cls(low=0.0, step=float(1 << (bits - 8)), frames=frames)
+        span = max((last - first) * (1 + 2 * MARGIN), FINEST_STEP * GREYS)
+        return cls(low=(first + last - span) / 2, step=span / GREYS, frames=frames)
+
+    @property
+    def high(self) -> float:
+        """The value at which white is reached."""
+        return self.low + self.step * GREYS
+
+    @property
+    def is_whole_range(self) -> bool:
+        """Whether it keeps the highest 8 of 16 bits."""
+        return (self.low, self.step) == (0.0, VALUES / GREYS)
+
+    @property
+    def note(self) -> str:
+        """What was done, for the notes of a map."""
+        return (
+            f"samples of more than 8 bits: values from {max(self.low, 0):.0f} (black) to "
+            f"{min(self.high, VALUES) - 1:.0f} (white) of {VALUES - 1} are shown in 8 bits of grey "
+            f"in every frame, chosen from {self.frames} of them"
+        )
+
+    def apply(self, image: NDArray[np.uint16]) -> GreyImage:
+        """The (H, W) image in 8 bits."""
+        return np.asarray(self._greys[image], dtype=np.uint8)
+
+    def fits(self, image: NDArray[np.uint16]) -> bool:
+        """Whether next to nothing of the image lies outside the scale."""
+        outside = (image < self.low) | (image >= self.high)
+        return bool(outside.mean() <= CLIPPED)
+
+    @cached_property
+    def _greys(self) -> NDArray[np.uint8]:
+        values = np.floor((np.arange(VALUES) - self.low) / self.step)
+        return np.asarray(values.clip(0, GREYS - 1), dtype=np.uint8)
+
+
+def _trim_tails(counts: IntArray) -> tuple[int, int]:
+    """The smallest and the largest value between the tails."""
+    inner = counts.copy()
+    inner[[0, -1]] = 0
+    total = np.cumsum(inner if inner.any() else counts)
+    first, last = np.searchsorted(total, [TAIL * total[-1], (1 - TAIL) * total[-1]])
+    return int(first), int(last)

@@ -1,0 +1,101 @@
+"""The bit depth of a recording: which of its frames decide how deep samples are shown in grey."""
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.arrays import GreyImage
+from geometry.errors import BadInputError
+from geometry.stretch import MOST_BITS, Stretch
+from locate.recording.formats import DEEP_SUFFIXES
+from locate.recording.images import read_samples
+
+SAMPLED = 9
+"""Frames from which the stretch is chosen, spread over the recording."""
+MOST_SKIPPED = 250
+"""Frames decoded from a key frame on to come to a time: coders set key frames no rarer."""
+LAST = 0.95
+"""Where in the video the last of these frames is, over its length."""
+DEEP_GREY = "gray16le"
+"""Format of av with 16 bits of grey; samples of 10 and 12 bits are scaled to fill it."""
+
+
+def stretch_of_photos(paths: Sequence[Path]) -> Stretch | None:
+    """That of photos of 16 bits; None where all that were looked at have 8."""
+    able = [path for path in paths if path.suffix.lower() in DEEP_SUFFIXES]
+    return Stretch.choose(_deep_photos([able[row] for row in spread_rows(len(able))]))
+
+
+def stretch_of_video(path: Path) -> Stretch | None:
+    """That of a video of more than 8 bits; None where its 8 highest bits are used well."""
+    stretch = Stretch.choose(_deep_video_frames(path), bits=MOST_BITS)
+    return None if stretch is None or stretch.is_whole_range else stretch
+
+
+def spread_rows(count: int) -> list[int]:
+    """At most `SAMPLED` of so many rows, the first and the last among them."""
+    return [int(row) for row in np.linspace(0, count - 1, min(count, SAMPLED)).round()]
+
+
+def grey_of_frame(frame: av.VideoFrame, stretch: Stretch | None) -> GreyImage:
+    """The (H, W) image of a decoded frame, its deep samples stretched."""
+    if stretch is None or not _is_deep(frame):
+        return np.asarray(frame.to_ndarray(format="gray"), dtype=np.uint8)
+    return stretch.apply(_deep_grey(frame))
+
+
+def _deep_photos(paths: Sequence[Path]) -> Iterator[NDArray[np.uint16]]:
+    for path in paths:
+        try:
+            samples = read_samples(path)
+        except BadInputError:
+            continue  # said by name when it is read as a frame
+        if samples.dtype == np.uint16:
+            yield samples.astype(np.uint16, copy=False)
+
+
+def _deep_video_frames(path: Path) -> Iterator[NDArray[np.uint16]]:
+    with av.open(str(path)) as container:
+        container.streams.video[0].thread_type = "AUTO"
+        for frame in _spread_frames(container):
+            if not _is_deep(frame):
+                return
+            yield _deep_grey(frame)
+
+
+def _spread_frames(container: Any) -> Iterator[av.VideoFrame]:
+    """Frames at evenly spread times; of a file that does not know its length, the first ones."""
+    start, length = container.start_time or 0, container.duration or 0
+    if not length:
+        yield from islice(container.decode(video=0), 0, MOST_SKIPPED, MOST_SKIPPED // SAMPLED)
+        return
+    for time in np.linspace(0, LAST * length, SAMPLED):
+        frame = _frame_at(container, start + int(time))
+        if frame is not None:
+            yield frame
+
+
+def _frame_at(container: Any, time: int) -> av.VideoFrame | None:
+    """The first frame from this time on, or one soon after the key frame before it."""
+    frame = None
+    try:
+        container.seek(time, backward=True)
+        for frame in islice(container.decode(video=0), MOST_SKIPPED):
+            if frame.time is None or frame.time * av.time_base >= time:
+                break
+    except (OSError, ValueError, av.error.FFmpegError):
+        pass  # damage is noted when the frames are read
+    return frame
+
+
+def _deep_grey(frame: av.VideoFrame) -> NDArray[np.uint16]:
+    return np.asarray(frame.to_ndarray(format=DEEP_GREY), dtype=np.uint16)
+
+
+def _is_deep(frame: av.VideoFrame) -> bool:
+    return any(component.bits > 8 for component in frame.format.components)

@@ -1,0 +1,62 @@
+"""Formats of photos: those that are read, and those that are known and refused by name."""
+
+import struct
+from pathlib import Path
+
+DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".jp2", ".j2k", ".avif"})
+"""Formats whose samples may have more than 8 bits."""
+PHOTO_SUFFIXES = DEEP_SUFFIXES | {".jpg", ".jpeg", ".webp", ".bmp"}
+READ = "JPEG, PNG, TIFF, WebP, BMP, JPEG 2000 or AVIF"
+"""The formats that are read, for messages."""
+HEIF_SUFFIXES = frozenset({".heic", ".heif", ".hif"})
+RAW_SUFFIXES = frozenset(
+    {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"}
+)
+"""What cameras write before they make a picture of it."""
+REFUSED_SUFFIXES = HEIF_SUFFIXES | RAW_SUFFIXES
+
+_HEIF_ADVICE = "HEIC/HEIF photos are not read; convert them to JPEG (heif-convert IN.heic OUT.jpg)"
+_RAW_ADVICE = (
+    "DNG and other raw photos are not read; develop them to 16-bit TIFF, all alike "
+    "(dcraw_emu -6 -T FILE, or darktable-cli)"
+)
+_HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
+_DNG_VERSION = 50706
+"""Tag of TIFF that makes a file DNG."""
+_TAG_BYTES = 12
+
+
+def refusal_of(path: Path, content: bytes) -> str | None:
+    """Why a photo of this name and content is not read, and what to do; None where it may be.
+
+    Phones name HEIC files .jpg, and the first picture in a DNG file is a small preview: so the
+    content decides as well as the name.
+    """
+    suffix = path.suffix.lower()
+    if suffix in HEIF_SUFFIXES or _is_heif(content):
+        return _HEIF_ADVICE
+    if suffix in RAW_SUFFIXES or _is_dng(content):
+        return _RAW_ADVICE
+    return None
+
+
+def _is_heif(content: bytes) -> bool:
+    is_avif = b"avif" in content[8:64]
+    return content[4:8] == b"ftyp" and content[8:12] in _HEIF_BRANDS and not is_avif
+
+
+def _is_dng(content: bytes) -> bool:
+    """Whether the first directory of a TIFF file has the version of DNG."""
+    order = {b"II*\0": "<", b"MM\0*": ">"}.get(content[:4])
+    if order is None:
+        return False
+    try:
+        (start,) = struct.unpack_from(f"{order}I", content, 4)
+        (count,) = struct.unpack_from(f"{order}H", content, start)
+        tags = [
+            struct.unpack_from(f"{order}H", content, start + 2 + _TAG_BYTES * k)[0]
+            for k in range(count)
+        ]
+    except struct.error:
+        return False
+    return _DNG_VERSION in tags
