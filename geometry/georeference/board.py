@@ -23,6 +23,9 @@ MIN_CORNERS = 4
 ROBUST_PX = 1.0
 """Reprojection error, px, beyond which the soft L1 loss grows linearly; chosen."""
 
+MAX_BOARD_PX = 4.0
+"""Median reprojection error, px, beyond which the corners are not those of one board; chosen."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class BoardSighting:
@@ -124,6 +127,12 @@ def scale_from_board(
         )
 
     found = least_squares(residuals, np.zeros(7), x_scale="jac", loss="soft_l1", f_scale=ROBUST_PX)
+    off_px = float(np.median(np.linalg.norm(np.reshape(found.fun, (-1, 2)), axis=1)))
+    if off_px > MAX_BOARD_PX:
+        raise BadInputError(
+            f"{name}: its corners are {off_px:.1f} px (median) from where one board would be; it "
+            "must lie still, and its columns, rows, size and gap must be those of the print"
+        )
     try:
         covariance = _cluster_covariance(np.asarray(found.jac), found.fun, sightings)
     except np.linalg.LinAlgError as error:

@@ -1,5 +1,7 @@
 """Scale, from a known distance or from the height of the cameras."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
@@ -14,12 +16,22 @@ MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a Gaussian."""
 ROBUST_SIGMAS = 3.0
 """Residual, in sigmas, beyond which the soft L1 loss grows linearly; chosen."""
+MAX_MISFIT = 4.0
+"""Root of the chi-squared of a point's clicks per degree of freedom beyond which they are on no
+common point; chosen."""
+MAX_CLICK_SIGMAS = 6.0
+"""Residual of one click, in sigmas, beyond which it is on another point than the rest; chosen."""
 MAX_CONDITION = 1e8
 """Condition of the normal matrix beyond which rays count as parallel."""
 
 
 def point_from_pixels(
-    trajectory: Trajectory, rows: IntArray, pixels: FloatArray, *, sigma_px: float
+    trajectory: Trajectory,
+    rows: IntArray,
+    pixels: FloatArray,
+    *,
+    sigma_px: float,
+    names: Sequence[str] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """A point clicked in several frames.
 
@@ -28,30 +40,67 @@ def point_from_pixels(
         rows: (K,) of the frames in the trajectory, K >= 2.
         pixels: (K, 2) where it is in each.
         sigma_px: Of a click along each axis.
+        names: K names of the frames, for messages; else their rows.
 
     Returns:
-        (3,) the point in the source frame, and its (3, 3) covariance; poses are taken for exact.
+        (3,) the point in the source frame, and its (3, 3) covariance; poses are taken for exact,
+        clicks for as much worse than stated as they fit each other worse.
 
     Raises:
-        BadInputError: Clicked in fewer than two frames, or from one place only.
+        BadInputError: Clicked in fewer than two frames, from one place only, or the clicks are on
+            no common point.
     """
     if len(rows) < 2:
         raise BadInputError("a point must be clicked in at least two frames")
     rays = np.einsum("kji,kj->ki", trajectory.rotations[rows], trajectory.camera.rays(pixels))
+
+    def offsets_px(point: FloatArray) -> FloatArray:
+        seen = np.array([trajectory.project(int(row), point) for row in rows])
+        return np.asarray(seen - pixels)
+
+    def residuals(point: FloatArray) -> FloatArray:
+        return np.nan_to_num(offsets_px(point) / sigma_px, nan=1e3).ravel()
+
+    names = names or [f"frame {int(row)}" for row in rows]
     try:
         start = nearest_point(trajectory.centers_in_world[rows], rays)
-
-        def residuals(point: FloatArray) -> FloatArray:
-            seen = np.array([trajectory.project(int(row), point) for row in rows])
-            return np.nan_to_num((seen - pixels) / sigma_px, nan=1e3).ravel()
-
+        _check_in_front(offsets_px(start), names)
         found = least_squares(
             residuals, start, x_scale="jac", loss="soft_l1", f_scale=ROBUST_SIGMAS
         )
         jacobian = np.asarray(found.jac)
-        return found.x, np.linalg.inv(jacobian.T @ jacobian)
+        covariance = np.linalg.inv(jacobian.T @ jacobian)
     except np.linalg.LinAlgError as error:
         raise BadInputError("a point must be clicked from two different places") from error
+    misfit = _check_clicks(offsets_px(found.x), sigma_px, names)
+    return found.x, covariance * max(1.0, misfit) ** 2
+
+
+def _check_clicks(offsets_px: FloatArray, sigma_px: float, names: Sequence[str]) -> float:
+    """Root of chi-squared per degree of freedom of (K, 2) offsets of clicks from their point.
+
+    Raises:
+        BadInputError: They are on no common point.
+    """
+    _check_in_front(offsets_px, names)
+    off = np.linalg.norm(offsets_px, axis=1)
+    misfit = float(np.sqrt((off**2).sum() / (2 * len(off) - 3))) / sigma_px
+    if misfit > MAX_MISFIT or off.max() > MAX_CLICK_SIGMAS * sigma_px:
+        listed = ", ".join(f"{name} {px:.1f} px" for name, px in zip(names, off, strict=True))
+        raise BadInputError(
+            f"the clicks are on no common point: residuals {listed}, sigma_px is {sigma_px:g}; "
+            "click the same spot in each frame, or state a larger sigma_px"
+        )
+    return misfit
+
+
+def _check_in_front(offsets_px: FloatArray, names: Sequence[str]) -> None:
+    behind = np.flatnonzero(np.isnan(offsets_px).any(axis=1))
+    if len(behind):
+        raise BadInputError(
+            f"the clicks are on no common point: their lines of sight meet behind the camera of "
+            f"{names[int(behind[0])]}"
+        )
 
 
 def nearest_point(centers: FloatArray, rays: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """What the user knows of sizes in the scene: a printed board, the distance of two points."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from geometry.arrays import FloatArray
+from geometry.camera import Camera
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import ScaleConstraint
 from geometry.georeference.board import find_board, marker_board, scale_from_board
@@ -65,8 +66,10 @@ class KnownDistance(BaseModel):
             rows: Of each registered frame in the trajectory, by its name.
 
         Raises:
-            BadInputError: A point was not clicked in two registered frames from two places.
+            BadInputError: A point was not clicked in two registered frames from two places, a
+                click is outside its frame, or the clicks are on no common point.
         """
+        self._check_bounds(trajectory.camera)
         found = [self._point(name, trajectory, rows) for name in self.points]
         (first, first_covariance), (second, second_covariance) = found
         return scale_from_distance(
@@ -78,6 +81,26 @@ class KnownDistance(BaseModel):
             name=" to ".join(self.points),
         )
 
+    def unused_clicks(self, used: Collection[str]) -> list[str]:
+        """The clicks in other frames than those, each by its point and frame."""
+        return [
+            f"{name} in {frame}"
+            for name, clicks in self.points.items()
+            for frame in clicks
+            if frame not in used
+        ]
+
+    def _check_bounds(self, camera: Camera) -> None:
+        for name, clicks in self.points.items():
+            for frame, (x, y) in clicks.items():
+                inside = abs(x - (camera.width - 1) / 2) <= camera.width / 2
+                if not inside or abs(y - (camera.height - 1) / 2) > camera.height / 2:
+                    raise BadInputError(
+                        f"known distance: {name}: the click at ({x:g}, {y:g}) px is outside "
+                        f"{frame}, which is {camera.width}x{camera.height} px; click in the "
+                        "images of the run's frames/"
+                    )
+
     def _point(
         self, name: str, trajectory: Trajectory, rows: Mapping[str, int]
     ) -> tuple[FloatArray, FloatArray]:
@@ -88,6 +111,7 @@ class KnownDistance(BaseModel):
                 np.array([rows[frame] for frame in clicks], dtype=np.int64),
                 np.array(list(clicks.values()), dtype=float).reshape(-1, 2),
                 sigma_px=self.sigma_px,
+                names=list(clicks),
             )
         except BadInputError as error:
             strange = ", ".join(sorted(self.points[name].keys() - rows.keys()))
@@ -142,8 +166,25 @@ class KnownLengths:
             scales.append(scale_from_board(trajectory, sightings))
         if self.distance is not None:
             rows = {name: row for row, name in enumerate(names)}
+            self._check_frames(self.distance, folder)
             scales.append(self.distance.constrain_scale(trajectory, rows))
         return scales
+
+    def describe_unused(self, names: Collection[str]) -> tuple[str, ...]:
+        """The note on clicks in frames that were not registered, where there are any."""
+        unused = [] if self.distance is None else self.distance.unused_clicks(names)
+        if not unused:
+            return ()
+        return (f"Known distance: clicks in frames without a pose left out: {', '.join(unused)}.",)
+
+    @staticmethod
+    def _check_frames(distance: KnownDistance, folder: Path) -> None:
+        frames = {path.name for path in folder.iterdir()}
+        strange = distance.unused_clicks(frames)
+        if strange:
+            raise BadInputError(
+                f"known distance: {strange[0]}: no such image among the run's frames"
+            )
 
 
 def parse_board(text: str) -> Any:

@@ -1,6 +1,7 @@
 """The stage that places: scale, up and position on the Earth, from the recording's telemetry."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,7 @@ def place_run(
     """
     trajectory = Trajectory.load(files.sfm_trajectory)
     points = load_points(files.sfm_points)
+    names = names_of(trajectory, key_frames)
     placement = place_reconstruction(
         trajectory,
         key_frames,
@@ -59,8 +61,9 @@ def place_run(
         asked=source.config.telemetry is not None,
         camera_height_m=source.config.camera_height_m,
         points_in_world=points,
-        lengths=lengths.constrain_scale(trajectory, files.frames, names_of(trajectory, key_frames)),
+        lengths=lengths.constrain_scale(trajectory, files.frames, names),
     )
+    placement = replace(placement, notes=(*placement.notes, *lengths.describe_unused(names)))
     placement.save(target.placement)
     placement.apply(trajectory).save(target.trajectory)
     if points is not None:

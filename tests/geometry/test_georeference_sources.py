@@ -1,5 +1,7 @@
 """What each source makes of its data, against simulated truth; the frame on the Earth."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -165,6 +167,10 @@ def test_a_board_in_the_frames_gives_the_scale(dictionary: str) -> None:
     assert scale.sigma_log < 0.01
     with pytest.raises(BadInputError, match="at least 2"):
         scale_from_board(scene, sightings[:1])
+    moves_px = np.array([[-60, 45], [60, 0], [0, -45], [-60, -45], [60, 45], [0, 90]])
+    moved = [replace(s, pixels=s.pixels + moves_px[s.row]) for s in sightings]
+    with pytest.raises(BadInputError, match=r"marker board: its corners are .* px \(median\)"):
+        scale_from_board(scene, moved)
     at_rest = [
         BoardSighting(row=0, **{k: v for k, v in vars(s).items() if k != "row"})
         for s in (sightings[0], sightings[0])

@@ -27,7 +27,7 @@ SCENE_FROM_WORLD = Similarity(
     rotation=Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix(),
     translation=np.array([1.0, 2, 3]),
 )
-ENDS_M = {"drum": np.array([-0.6, 0.4, 0.0]), "valve": np.array([0.5, -0.5, 0.0])}
+ENDS_M = {"drum": np.array([-0.4, -0.2, 0.0]), "valve": np.array([0.5, -0.6, 0.0])}
 
 
 @pytest.fixture(scope="module")
@@ -97,12 +97,12 @@ def test_a_distance_makes_a_run_metric(photos, cameras, tmp_path):
     assert placement.alignment is not None
     assert placement.alignment.target_from_source.scale * SCALE == pytest.approx(1, rel=1e-4)
     assert placement.describe() == "metric by drum to valve"
-    # 1 cm of 1.42 m, and the clicks
-    assert placement.alignment.scale_sigma == pytest.approx(0.0075, rel=0.25)
+    # 1 cm of 0.98 m, and the clicks
+    assert placement.alignment.scale_sigma == pytest.approx(0.011, rel=0.25)
 
 
 def test_two_lengths_that_contradict_each_other_are_refused(photos, cameras, tmp_path):
-    file = write_distance(tmp_path / "distance.json", cameras, distance_m=1.0)
+    file = write_distance(tmp_path / "distance.json", cameras, distance_m=0.7)
     with pytest.raises(BadInputError, match=r"valve|board"):
         placed(photos, cameras, tmp_path, distance=file, board=BOARD)
 
@@ -142,6 +142,92 @@ def test_clicks_in_frames_that_are_not_there(cameras, tmp_path):
     known = KnownDistance.load(write_distance(tmp_path / "d.json", cameras, points=points))
     with pytest.raises(BadInputError, match=r"drum: .* two frames .*999\.png"):
         known.constrain_scale(cameras, {f"{row:06d}.png": row for row in range(8)})
+
+
+ROWS = {f"{row:06d}.png": row for row in range(8)}
+
+
+def known_distance(
+    cameras: Trajectory, folder: Path, off_px: dict[str, tuple[float, float]], **changes: object
+) -> KnownDistance:
+    """The true distance, the clicks on the drum off by that much."""
+    path = write_distance(folder / "distance.json", cameras, **changes)
+    content = json.loads(path.read_text())
+    drum = content["points"]["drum"]
+    for frame, (x, y) in off_px.items():
+        drum[frame] = [drum[frame][0] + x, drum[frame][1] + y]
+    path.write_text(json.dumps(content))
+    return KnownDistance.load(path)
+
+
+@pytest.mark.parametrize("off_px", [(900, 0), (0, -700), (-900, 0), (0, 900)])
+def test_a_click_outside_its_frame_is_refused(cameras, tmp_path, off_px):
+    known = known_distance(cameras, tmp_path, {"000003.png": off_px})
+    line = r"drum: the click at .* px is outside 000003\.png, which is 640x480 px"
+    with pytest.raises(BadInputError, match=line):
+        known.constrain_scale(cameras, ROWS)
+
+
+@pytest.mark.parametrize("frame", ["000000.png", "000006.png"])
+def test_clicks_on_no_common_point_are_refused(cameras, tmp_path, frame):
+    known = known_distance(cameras, tmp_path, {frame: (25, -25)})
+    line = rf"drum: .*no common point: .*{frame} \d+\.\d px.*sigma_px is 1;"
+    with pytest.raises(BadInputError, match=line):
+        known.constrain_scale(cameras, ROWS)
+    # With such clicks it is no contradiction, and the scale is not known to 1 %.
+    blunt = known_distance(cameras, tmp_path, {frame: (25, -25)}, sigma_px=20.0)
+    scale = blunt.constrain_scale(cameras, ROWS)
+    assert scale.sigma_log > 0.03
+
+
+def test_two_clicks_on_no_common_point_are_refused(cameras, tmp_path):
+    file = write_distance(tmp_path / "distance.json", cameras)
+    points = json.loads(file.read_text())["points"]
+    del points["drum"]["000006.png"]
+    points["drum"]["000003.png"][1] += 30
+    known = known_distance(cameras, tmp_path, {}, points=points)
+    with pytest.raises(BadInputError, match=r"drum: .*no common point"):
+        known.constrain_scale(cameras, ROWS)
+
+
+def test_lines_of_sight_that_part_are_refused(cameras, tmp_path):
+    points = {
+        "drum": {"000000.png": [5.0, 200.0], "000003.png": [635.0, 200.0]},
+        "valve": {"000000.png": [300.0, 200.0], "000003.png": [200.0, 200.0]},
+    }
+    known = known_distance(cameras, tmp_path, {}, points=points)
+    with pytest.raises(BadInputError, match=r"drum: .*no common point: .*behind"):
+        known.constrain_scale(cameras, ROWS)
+
+
+def test_clicks_that_are_a_little_off_count_for_less(cameras, tmp_path):
+    exact = known_distance(cameras, tmp_path, {}).constrain_scale(cameras, ROWS)
+    off = {"000000.png": (3.0, 3.0), "000006.png": (-3.0, -3.0)}
+    blurred = known_distance(cameras, tmp_path, off).constrain_scale(cameras, ROWS)
+    assert blurred.sigma_log > exact.sigma_log
+    wrong = np.log(blurred.metres_per_unit)
+    assert abs(wrong) < 3 * blurred.sigma_log
+
+
+def test_clicks_in_no_frame_of_the_run_are_refused(photos, cameras, tmp_path):
+    file = write_distance(tmp_path / "distance.json", cameras)
+    content = json.loads(file.read_text())
+    content["points"]["valve"]["IMG_1.png"] = [3.0, 4.0]
+    file.write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match=r"valve in IMG_1\.png: no such image"):
+        placed(photos, cameras, tmp_path, distance=file)
+
+
+def test_clicks_in_frames_without_a_pose_are_noted(photos, cameras, tmp_path):
+    file = write_distance(tmp_path / "distance.json", cameras)
+    lengths = KnownLengths.of(None, file)
+    names = [name for name in ROWS if name != "000003.png"]
+    scene = cameras.take([row for row in range(8) if row != 3])
+    (scale,) = lengths.constrain_scale(scene, photos, names)
+    assert scale.metres_per_unit == pytest.approx(1, rel=1e-4)
+    (note,) = lengths.describe_unused(names)
+    assert "drum in 000003.png, valve in 000003.png" in note
+    assert lengths.describe_unused(list(ROWS)) == ()
 
 
 def test_a_missing_file_is_told(tmp_path):
