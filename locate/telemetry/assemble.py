@@ -11,6 +11,7 @@ import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
+from locate.telemetry.plausible import leave_out_strays
 from locate.telemetry.resample import wrap_angles
 from locate.telemetry.track import COLUMNS, PERIOD_DEG, AltitudeDatum, Clock, TelemetryTrack
 
@@ -75,7 +76,8 @@ def track_from_columns(
     """Checks columns and makes a track of them.
 
     Values that cannot be (latitude 999, the null island of a receiver without fix) become NaN;
-    records that hold nothing go. Where there are no `names` the records are put in the order of
+    records that hold nothing go; so do positions that no vehicle gets to from their neighbours.
+    Where there are no `names` the records are put in the order of
     their ``times_s``, or of ``clock_s`` counted from the first.
 
     Args:
@@ -123,16 +125,20 @@ def track_from_columns(
             f"{path.name}: {n - len(rows)} of {n} records were left out: "
             "nothing in them, no time, or the time of another"
         )
-    if not np.isfinite(clean["clock_s"][rows]).any():
+    taken = {key: clean[key][rows] for key in COLUMNS}
+    photos = () if names is None else tuple(names[int(i)] for i in rows)
+    latitude_deg, longitude_deg = taken["latitude_deg"], taken["longitude_deg"]
+    notes += leave_out_strays(path, latitude_deg, longitude_deg, times_s, photos)
+    if not np.isfinite(taken["clock_s"]).any():
         clock = Clock.NONE
     return TelemetryTrack(
         path=path,
         kind=kind,
-        **{key: clean[key][rows] for key in COLUMNS},
+        **taken,
         altitude_datum=datum,
         clock=clock,
         times_s=times_s,
-        names=() if names is None else tuple(names[int(i)] for i in rows),
+        names=photos,
         warnings=tuple(notes),
     )
 

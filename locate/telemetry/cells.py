@@ -98,6 +98,16 @@ def parse_coordinate(text: str, axis: str, reference: str | None = None) -> floa
     return size * next(iter(signs), 1.0)
 
 
+def reference_sign(reference: str, axis: str) -> float:
+    """1 for a hemisphere of north or east, -1 for one of south or west.
+
+    Raises:
+        UnknownForm: It is none of this axis, or missing.
+    """
+    (sign,) = _reference_signs(reference, axis, known=False)
+    return sign
+
+
 def _side_sign(side: str, axis: str) -> float:
     if side not in SIDES[axis]:
         raise UnknownForm(f"{side.upper()} is no side of a {axis}")
@@ -109,7 +119,7 @@ def _reference_signs(reference: str, axis: str, *, known: bool) -> set[float]:
     if side in BLANK:
         if known:
             return set()
-        raise UnknownForm("its hemisphere is not given in the column for it")
+        raise UnknownForm("its hemisphere is not given")
     return {_side_sign(side, axis)}
 
 

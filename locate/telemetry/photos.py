@@ -1,7 +1,8 @@
 """Where photos were taken, by their own EXIF and XMP."""
 
+import re
 from collections.abc import Mapping, Sequence
-from math import hypot, isfinite, nan, sqrt
+from math import hypot, isfinite, isnan, nan, sqrt
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,12 +14,21 @@ from locate.recording.formats import PHOTO_SUFFIXES
 from locate.recording.recording import natural_key
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.bounded import report_as_bad_input
+from locate.telemetry.cells import (
+    LENGTHS,
+    UnknownForm,
+    parse_coordinate,
+    parse_quantity,
+    reference_sign,
+)
 from locate.telemetry.clock import parse_date_time, posix_s
+from locate.telemetry.refused import RefusedText, raise_if_all_refused, summarize_refused
 from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "photo"
 XMP_BYTES = 2**20
 """The XMP of a photo is within its first bytes, so many."""
+_NUMBER = re.compile(r"[-+]?\d{1,12}(?:\.\d{0,15})?")
 _BELOW, _ELLIPSOIDAL = (1, 3), (2, 3)  # values of GPSAltitudeRef, EXIF 3.0, table 17
 _XMP_END = b"</x:xmpmeta>"
 _XMP_COLUMNS = {
@@ -40,66 +50,85 @@ _XMP_COLUMNS = {
 def read_photos(path: Path) -> TelemetryTrack:
     """Reads EXIF and DJI's XMP of one photo, or of all photos of a folder.
 
-    A photo whose metadata cannot be read is one without a position. Altitudes count from mean
+    A photo whose metadata cannot be read is one without a position. Positions and altitudes that
+    a writer put as text are read where they have one known form; otherwise, as other values that
+    are no angle or have no hemisphere, they are left out with a warning. Altitudes count from mean
     sea level as EXIF defines, or from the ellipsoid where EXIF 3.0 or DJI (``RtkAlt``) states that.
 
     Raises:
         BadInputError: No photos, or none with a position.
     """
     if not path.is_dir():
-        return _make_track(path, [path], [_read_photo(path)])
+        refused: list[RefusedText] = []
+        return _make_track(path, [path], [_read_photo(path, refused)], refused)
     with report_as_bad_input(path, "photo folder"):
         entries = [entry for entry in path.iterdir() if entry.suffix.lower() in PHOTO_SUFFIXES]
     photos = sorted(entries, key=natural_key)
     if not photos:
         raise BadInputError(f"{path}: no photos in this folder")
-    return _make_track(path, photos, [_read_photo_or_empty(photo) for photo in photos])
+    refused = []
+    records = [_read_photo_or_empty(photo, refused) for photo in photos]
+    return _make_track(path, photos, records, refused)
 
 
-def _make_track(path: Path, photos: Sequence[Path], records: Sequence[Record]) -> TelemetryTrack:
+def _make_track(
+    path: Path, photos: Sequence[Path], records: Sequence[Record], refused: Sequence[RefusedText]
+) -> TelemetryTrack:
     in_utc = any("utc_s" in record for record in records)
     for record in records:
         record["clock_s"] = record.get("utc_s" if in_utc else "local_s", nan)
     ellipsoidal = {record["ellipsoidal"] for record in records if "altitude_m" in record}
     datum = AltitudeDatum.ELLIPSOID if ellipsoidal == {1.0} else AltitudeDatum.MEAN_SEA_LEVEL
+    columns = columns_of(records)
+    raise_if_all_refused(path, columns, refused)
     return track_from_columns(
         path,
         KIND,
-        columns_of(records),
+        columns,
         datum=AltitudeDatum.UNKNOWN if len(ellipsoidal) > 1 else datum,
         clock=Clock.UTC if in_utc else Clock.LOCAL,
         names=[photo.name for photo in photos],
+        warnings=summarize_refused(path, refused),
     )
 
 
-def _read_photo_or_empty(photo: Path) -> Record:
+def _read_photo_or_empty(photo: Path, refused: list[RefusedText]) -> Record:
     try:
-        return _read_photo(photo)
+        return _read_photo(photo, refused)
     except BadInputError:
         return {}
 
 
-def _read_photo(photo: Path) -> Record:
+def _read_photo(photo: Path, refused: list[RefusedText]) -> Record:
     with report_as_bad_input(photo, KIND), photo.open("rb") as file:
         header = file.read(XMP_BYTES)
         file.seek(0)
         tags = exifread.process_file(file, details=False, extract_thumbnail=False)
-    xmp, exif = _xmp_record(header), _exif_record(tags)
-    ellipsoidal = max(xmp.get("ellipsoidal", 0.0), exif["ellipsoidal"])
-    return xmp | exif | {"ellipsoidal": ellipsoidal}
+    found: list[RefusedText] = []
+    with report_as_bad_input(photo, KIND):
+        xmp, exif = _xmp_record(header), _exif_record(tags, photo.name, found)
+    record = xmp | exif
+    has_position = {"latitude_deg", "longitude_deg"} <= record.keys()
+    refused += [entry for entry in found if not (entry.is_position and has_position)]
+    return record | {"ellipsoidal": max(xmp.get("ellipsoidal", 0.0), exif["ellipsoidal"])}
 
 
-def _exif_record(tags: Mapping[str, Any]) -> Record:
-    values = {name: getattr(tag, "values", None) for name, tag in tags.items()}
+def _exif_record(tags: Mapping[str, Any], name: str, refused: list[RefusedText]) -> Record:
+    values = {key: getattr(tag, "values", None) for key, tag in tags.items()}
     record: Record = {}
     if str(values.get("GPS GPSStatus", "A")).strip("\0 ") != "V":  # V: no fix, an old position
-        record["latitude_deg"] = _parse_degrees(values, "GPS GPSLatitude", "S")
-        record["longitude_deg"] = _parse_degrees(values, "GPS GPSLongitude", "W")
-    altitude_m, (reference,) = (
-        _tag_numbers(values, "GPS GPSAltitude", 1)[0],
-        _tag_numbers(values, "GPS GPSAltitudeRef", 1),
-    )
-    record["altitude_m"] = -altitude_m if reference in _BELOW else altitude_m
+        try:
+            record["latitude_deg"] = _coordinate(values, "latitude")
+            record["longitude_deg"] = _coordinate(values, "longitude")
+        except UnknownForm as error:
+            record = {}
+            refused.append(RefusedText(0, "GPS position", name, str(error), True))
+    (reference,) = _tag_numbers(values, "GPS GPSAltitudeRef", 1)
+    try:
+        altitude_m = _altitude_m(values)
+        record["altitude_m"] = -altitude_m if reference in _BELOW else altitude_m
+    except UnknownForm as error:
+        refused.append(RefusedText(0, "GPS altitude", name, str(error), False))
     record["horizontal_sigma_m"] = _tag_numbers(values, "GPS Tag 0x001F", 1)[0]
     record = {key: value for key, value in record.items() if isfinite(value)}
     record["ellipsoidal"] = float(reference in _ELLIPSOIDAL)
@@ -148,27 +177,54 @@ def _local_name(tag: str) -> str:
     return tag.rsplit("}", 1)[-1]
 
 
-def _parse_degrees(values: Mapping[str, Any], name: str, negative: str) -> float:
-    degrees, minutes, seconds = _tag_numbers(values, name, 3)
+def _coordinate(values: Mapping[str, Any], axis: str) -> float:
+    """Degrees of the GPSLatitude or GPSLongitude of EXIF; NaN where there is none.
+
+    Raises:
+        UnknownForm: It is no angle of 0 to 90 or 180 degrees with a hemisphere.
+    """
+    name = f"GPS GPS{axis.capitalize()}"
+    found, reference = values.get(name), _text(values.get(f"{name}Ref", ""))
+    if isinstance(found, str):
+        return parse_coordinate(_text(found), axis, reference)
+    degrees, minutes, seconds = numbers = _tag_numbers(values, name, 3)
+    if all(isnan(number) for number in numbers) or not (any(numbers) or reference):
+        return nan
+    sign = reference_sign(reference, axis)
+    if not (degrees >= 0 and 0 <= minutes <= 60 and 0 <= seconds <= 60):
+        raise UnknownForm(f"the {axis} is no degrees, minutes and seconds")
     size = degrees + minutes / 60 + seconds / 3600
-    return -size if str(values.get(name + "Ref", "")).strip("\0 ").upper() == negative else size
+    if size > (90 if axis == "latitude" else 180):
+        raise UnknownForm(f"beyond the largest {axis}")
+    return sign * size
+
+
+def _altitude_m(values: Mapping[str, Any]) -> float:
+    found = values.get("GPS GPSAltitude")
+    if isinstance(found, str):
+        return parse_quantity(_text(found), LENGTHS)
+    return _tag_numbers(values, "GPS GPSAltitude", 1)[0]
+
+
+def _text(value: object) -> str:
+    return str(value).strip("\0 ")
 
 
 def _tag_numbers(values: Mapping[str, Any], name: str, count: int) -> list[float]:
-    """`count` numbers of a tag; NaN where it has fewer, or a ratio over 0."""
+    """`count` numbers of a tag; NaN where it has fewer, a text, or a ratio over 0."""
     found = values.get(name)
-    numbers = list(found)[:count] if isinstance(found, Sequence) else []
+    is_list = isinstance(found, Sequence) and not isinstance(found, str | bytes)
+    numbers = list(found)[:count] if found is not None and is_list else []
     numbers += [None] * (count - len(numbers))
     return [_ratio_value(number) for number in numbers]
 
 
 def _ratio_value(number: object) -> float:
-    over = getattr(number, "den", 1)
-    return float(getattr(number, "num", number)) / over if number is not None and over else nan  # type: ignore[arg-type]
+    above, below = getattr(number, "num", number), getattr(number, "den", 1)
+    if not isinstance(above, int | float) or not isinstance(below, int | float):
+        return nan
+    return above / below if below else nan
 
 
 def _parse_number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return nan
+    return float(text) if _NUMBER.fullmatch(text.strip()) else nan

@@ -54,9 +54,8 @@ def raise_if_all_refused(
     known = np.isfinite(values.get("latitude_deg", np.nan))
     first = next((entry for entry in refused if entry.is_position), None)
     if first is not None and not known.any():
-        raise BadInputError(
-            f"{path}, {first}; write decimal degrees such as -33.8688, or 33 52 7.7 S"
-        )
+        advice = "; write decimal degrees such as -33.8688, or 33 52 7.7 S" if first.line else ""
+        raise BadInputError(f"{path}, {first}{advice}")
 
 
 def summarize_refused(path: Path, refused: Sequence[RefusedText]) -> tuple[str, ...]:

@@ -406,3 +406,41 @@ def test_a_missing_extra_is_named(
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(BadInputError, match="pip install"):
         read_telemetry(tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    ("tags", "latitude", "note"),
+    [
+        ({2: "46.51"}, -46.51, ""),
+        ({2: "46 30 36"}, -46.51, ""),
+        ({2: "123"}, np.nan, "beyond the largest latitude"),
+        ({2: "4x6.5"}, np.nan, "no known form of a coordinate"),
+        ({2: (46, 75, 36)}, np.nan, "no degrees, minutes and seconds"),
+        ({2: (46.51,)}, np.nan, "no degrees, minutes and seconds"),
+        ({1: ""}, np.nan, "its hemisphere is not given"),
+        ({1: "E"}, np.nan, "E is no side of a latitude"),
+        ({1: "South"}, -46.51, ""),
+    ],
+)
+def test_positions_in_exif_are_read_exactly_or_left_out_with_a_note(
+    tmp_path: Path, tags: dict[int, object], latitude: float, note: str
+) -> None:
+    recorded.write_photo(tmp_path / "a.jpg", gps=recorded.GPS_TAGS)
+    recorded.write_photo(tmp_path / "b.jpg", gps=recorded.GPS_TAGS | tags)
+    found = read_telemetry(tmp_path)
+    assert found.latitude_deg == pytest.approx([-46.51, latitude], nan_ok=True)
+    assert found.has_position.tolist() == [True, not np.isnan(latitude)]
+    assert any(note in warning and "b.jpg" in warning for warning in found.warnings) or not note
+    if note:
+        with pytest.raises(BadInputError, match=note) as refused:
+            read_telemetry(tmp_path / "b.jpg")
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("text", "metres"), [("198.25 m", 198.25), ("123", 123), ("12x", np.nan)])
+def test_altitudes_in_exif_that_are_text(tmp_path: Path, text: str, metres: float) -> None:
+    recorded.write_photo(tmp_path / "a.jpg", gps={**recorded.GPS_TAGS, 6: text})
+    found = read_telemetry(tmp_path / "a.jpg")
+    assert found.altitude_m == pytest.approx([metres], nan_ok=True)
+    assert found.latitude_deg == pytest.approx([-46.51])
+    assert any("GPS altitude" in warning for warning in found.warnings) == np.isnan(metres)
