@@ -1,79 +1,24 @@
 """Key frames: even in image motion, sharp, bounded in number."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from geometry.arrays import FloatArray, GreyImage, IntArray
-from geometry.errors import BadInputError
 from locate.recording.index import KeyFrame, KeyFrames
-from locate.recording.motion import StillnessTest, make_thumbnail, measure_sharpness, median_motion
+from locate.recording.motion import make_thumbnail, median_motion
 from locate.recording.recording import Recording
+from locate.recording.watching import THUMBNAIL_SIDE, Progress, watch_recording
 
 TARGET_MOTION = 0.005
 """Image motion wanted between key frames, over the width."""
-WINDOW = 0.25
-"""How far the motion may be from the target, over the target."""
-SHARPER = 1.2
-"""Factor of sharpness from which a frame off the target is preferred."""
-THUMBNAIL_SIDE = 320
-"""Longest side of the images whose motion is measured, px."""
 MIN_KEY_FRAMES = 8
 """Fewest frames spaced by motion; with less, frames are spread over the whole path."""
-MAX_WAITING = 256
-"""Most candidates in memory."""
 CLOSELY_S, ROW_SPACING_S = 0.12, 1 / 15
 """Of a camera at rest: spacing in time beyond which half the frames are taken in a row, and
 their spacing there."""
-
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ObservedFrame:
-    frame: KeyFrame
-    thumb: GreyImage
-
-
-class _FrameSpacer:
-    """Keeps the next frame once the image has moved by the target since the last kept one."""
-
-    def __init__(self, first: _ObservedFrame, target_px: float) -> None:
-        self.kept = [first.frame]
-        self._last = first
-        self._target_px = target_px
-        self._waiting: list[tuple[float, _ObservedFrame]] = []
-
-    def add(self, seen: _ObservedFrame) -> None:
-        motion_px = median_motion(self._last.thumb, seen.thumb)
-        self._waiting.append((motion_px / self._target_px, seen))
-        while self._waiting and (
-            self._waiting[-1][0] >= 1 + WINDOW or len(self._waiting) >= MAX_WAITING
-        ):
-            self._keep_best()
-        inside = [item for item in self._waiting if item[0] >= 1 - WINDOW]
-        self._waiting = inside or self._waiting[-1:]
-
-    def finish(self) -> list[KeyFrame]:
-        if self._waiting and self._waiting[-1][0] >= 1 - WINDOW:
-            self._keep_best()
-        return self.kept
-
-    def _keep_best(self) -> None:
-        nearest = min(self._waiting, key=lambda item: abs(item[0] - 1))
-        inside = [item for item in self._waiting if abs(item[0] - 1) <= WINDOW]
-        sharpest = max(inside, key=lambda item: item[1].frame.sharpness, default=nearest)
-        much_sharper = sharpest[1].frame.sharpness > SHARPER * nearest[1].frame.sharpness
-        _, chosen = sharpest if much_sharper else nearest
-        rest = [seen for _, seen in self._waiting if seen.frame.index > chosen.frame.index]
-        self.kept.append(chosen.frame)
-        self._last = chosen
-        self._waiting = [
-            (median_motion(chosen.thumb, seen.thumb) / self._target_px, seen) for seen in rest
-        ]
 
 
 def select_frames(
@@ -89,7 +34,8 @@ def select_frames(
     A video is thinned to `target_motion` between neighbours, photos are all kept; beyond
     `max_frames` the kept ones are spread evenly over the path of the image motion. A recording by
     a camera at rest keeps frames evenly in time; where these would be more than `CLOSELY_S` apart,
-    half of them come from the middle of the video, one close after the other.
+    half of them come from the middle of the video, one close after the other. Of several shots the
+    longest is used; frames without texture are left out; the warnings say so.
 
     Args:
         recording: What `open_recording` gave.
@@ -104,12 +50,11 @@ def select_frames(
         The index of the written files, with the motion between neighbours measured anew.
 
     Raises:
-        BadInputError: Fewer than two frames, or frames that cannot be used.
+        BadInputError: Fewer than two frames that show anything, or frames that cannot be used.
     """
-    every, spaced, still = _measure_frames(recording, target_motion, progress)
-    if len(every) < 2:
-        raise BadInputError(f"{recording.path}: only {len(every)} frame; at least 2 are needed")
-    if still:
+    watched = watch_recording(recording, target_motion, progress)
+    every, spaced = watched.frames, watched.spaced
+    if watched.still:
         chosen = _at_rest(every, max_frames, in_time=recording.is_video)
     elif recording.is_video and len(spaced) >= MIN_KEY_FRAMES:
         chosen = _spread_evenly(spaced, np.arange(len(spaced)), max_frames)
@@ -121,48 +66,11 @@ def select_frames(
         width=recording.width,
         height=recording.height,
         is_video=recording.is_video,
-        static=still,
+        static=watched.still,
         focal_prior_px=recording.focal_prior_px,
         focal_source=recording.focal.source if recording.focal else None,
-        warnings=tuple(recording.warnings),
+        warnings=(*recording.warnings, *watched.notes),
     )
-
-
-def _measure_frames(
-    recording: Recording, target_motion: float, progress: Progress | None
-) -> tuple[list[KeyFrame], list[KeyFrame], bool]:
-    """Every frame with the motion since the one before, the spaced ones, and whether still."""
-    every: list[KeyFrame] = []
-    previous: GreyImage | None = None
-    spacer: _FrameSpacer | None = None
-    stillness: StillnessTest | None = None
-    scale = max(recording.width, recording.height) / THUMBNAIL_SIDE
-    for frame in recording.frames():
-        thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
-        motion_px = 0.0 if previous is None else median_motion(previous, thumb) * max(scale, 1.0)
-        seen = KeyFrame(
-            index=frame.index,
-            time_s=frame.time_s,
-            source=frame.source,
-            sharpness=measure_sharpness(frame.image),
-            motion_px=motion_px,
-        )
-        every.append(seen)
-        if spacer is None or stillness is None:
-            spacer = _FrameSpacer(
-                _ObservedFrame(frame=seen, thumb=thumb), target_motion * thumb.shape[1]
-            )
-            stillness = StillnessTest(frame.image)
-        else:
-            spacer.add(_ObservedFrame(frame=seen, thumb=thumb))
-            stillness.add(frame.image)
-        previous = thumb
-        if progress:
-            total = recording.expected_frames
-            share = 0.5 * min(1.0, len(every) / total) if total else -1.0
-            progress("watching the recording", share)
-    spaced = spacer.finish() if spacer else []
-    return every, spaced, bool(stillness and stillness.is_still)
 
 
 def _spread_evenly(

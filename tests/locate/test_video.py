@@ -136,6 +136,101 @@ def test_shaking_tripod_is_not_lost(tmp_path: Path) -> None:
     assert not kept.static
 
 
+def faded(frame: np.ndarray, share: float) -> np.ndarray:
+    return np.rint(frame * share).astype(np.uint8)
+
+
+def grain(level: float) -> np.ndarray:
+    noise = np.random.default_rng(5).normal(level, 3.0, (HEIGHT, WIDTH))
+    return np.clip(noise, 0, 255).astype(np.uint8)
+
+
+def empty_starts(frames: list[np.ndarray]) -> dict[str, list[np.ndarray]]:
+    """The same frames with six that show too little before them, or the first fifteen faded in."""
+    return {
+        "black": [np.zeros_like(frames[0])] * 6 + frames,
+        "white": [np.full_like(frames[0], 255)] * 6 + frames,
+        "grain": [grain(8.0)] * 6 + frames,
+        "blurred": [cv2.GaussianBlur(frames[0], (0, 0), 25)] * 6 + frames,
+        "fade": [faded(frame, min(1.0, i / 15)) for i, frame in enumerate(frames)],
+        "from white": [
+            255 - faded(255 - frame, min(1.0, i / 15)) for i, frame in enumerate(frames)
+        ],
+    }
+
+
+STARTS = ["black", "white", "grain", "blurred", "fade", "from white"]
+
+
+@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize("moves", [True, False])
+def test_stillness_is_not_told_by_frames_that_show_nothing(
+    tmp_path: Path, start: str, moves: bool
+) -> None:
+    frames = pan([4.0 * i if moves else 0.0 for i in range(40)])
+    kept = keep(write_video(tmp_path / "v.mkv", empty_starts(frames)[start]), tmp_path)
+    assert kept.static is not moves
+    (note,) = kept.warnings
+    assert "left out because they show too little" in note
+    if start not in {"fade", "from white"}:
+        assert kept.indices[0] == 6
+        assert note.startswith("6 of 46 frames")
+
+
+@pytest.mark.parametrize("grey", [0, 128, 255])
+def test_a_recording_that_shows_nothing_is_refused(tmp_path: Path, grey: int) -> None:
+    frames = [np.full((HEIGHT, WIDTH), grey, np.uint8)] * 20
+    assert "show anything" in refused(write_video(tmp_path / "v.mkv", frames), tmp_path)
+
+
+def test_a_black_photo_is_left_out(tmp_path: Path) -> None:
+    frames = pan([20.0 * i for i in range(6)])
+    frames[2] = np.zeros_like(frames[2])
+    kept = keep(write_photos(tmp_path / "photos", frames), tmp_path)
+    assert kept.indices.tolist() == [0, 1, 3, 4, 5]
+    assert "img3.png" in kept.warnings[0]
+
+
+def second_shot(count: int) -> list[np.ndarray]:
+    return [frame[:, ::-1].copy() for frame in pan([4.0 * i for i in range(count)])]
+
+
+def test_the_longest_of_several_shots_is_used(tmp_path: Path) -> None:
+    first = pan([4.0 * i for i in range(30)])
+    between = [np.zeros_like(first[0])] * 3
+    frames = [*first, *second_shot(20), *between, *pan([200 + 3.0 * i for i in range(40)])]
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path)
+    assert kept.indices.min() >= 53
+    assert len(kept) >= 20
+    (note,) = kept.warnings
+    assert "3 shots, 0.00 to 1.45 s, 1.50 to 2.60 s, 2.65 to 4.60 s" in note
+    assert "53 frames of the others" in note
+
+
+def test_a_mirrored_second_shot_is_told(tmp_path: Path) -> None:
+    frames = [*pan([4.0 * i for i in range(40)]), *second_shot(24)]
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path)
+    assert kept.indices.max() == 39
+    assert "24 frames of the others" in kept.warnings[0]
+
+
+@pytest.mark.parametrize("kind", ["flash", "darker", "brighter", "whip"])
+def test_what_is_no_cut_is_taken_for_none(tmp_path: Path, kind: str) -> None:
+    shifts = [4.0 * i for i in range(40)]
+    if kind == "whip":
+        shifts[20:] = [shift + 260 for shift in shifts[20:]]
+        shifts[19:21] = [150.0, 280.0]
+    frames = pan(shifts)
+    gains = {"darker": 0.4, "brighter": 2.0}
+    for i in range(20, 40):
+        frames[i] = np.clip(frames[i] * gains.get(kind, 1.0), 0, 255).astype(np.uint8)
+    if kind == "flash":
+        frames[20:22] = [np.clip(f * 3.0 + 90, 0, 255).astype(np.uint8) for f in frames[20:22]]
+    kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path)
+    assert not any("shots" in note for note in kept.warnings)
+    assert kept.indices.max() > 35
+
+
 def test_written_frames_are_lossless_and_times_exact(tmp_path: Path) -> None:
     frames = pan([5.0 * i for i in range(12)])
     pts = [0, 40, 95, 130, 200, 260, 301, 352, 420, 480, 533, 600]
