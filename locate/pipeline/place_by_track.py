@@ -64,6 +64,9 @@ def place_by_track(
     known = np.isfinite(fixes).all(axis=1)
     if not known.any():
         raise BadInputError(f"{track.path}: no frame has a position with a height")
+    if not known.all():
+        lost = np.count_nonzero(~known)
+        notes = (*notes, f"{track.path.name}: {lost} of {len(fixes)} frames have no position in it")
     georeference = Georeference.from_origin(fixes[known][0], datum, "first fix")
     enu = np.full(fixes.shape, np.nan)
     enu[known] = georeference.to_enu(fixes[known])

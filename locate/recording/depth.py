@@ -60,7 +60,7 @@ def _deep_photos(paths: Sequence[Path]) -> Iterator[NDArray[np.uint16]]:
 
 
 def _deep_video_frames(path: Path) -> Iterator[NDArray[np.uint16]]:
-    with av.open(str(path)) as container:
+    with av.open(str(path.absolute())) as container:
         container.streams.video[0].thread_type = "AUTO"
         for frame in _spread_frames(container):
             if not _is_deep(frame):

@@ -5,26 +5,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
-from locate.recording.depth import grey_of_frame, stretch_of_photos, stretch_of_video
+from locate.recording.depth import stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
 from locate.recording.formats import PHOTO_SUFFIXES, READ, REFUSED_SUFFIXES, refusal_of
 from locate.recording.images import read_samples, show_in_grey
+from locate.recording.video import NamedImage, first_video_image, read_video_header, video_images
 
 DEFAULT_MAX_SIDE = 1280
 """Longest side at which frames are processed, px."""
 ANY_SIDE = 1 << 30
 """A longest side that reduces no image, px."""
-MISSING_TAIL_S = 0.5
-"""Missing end of a video from which on it counts as truncated."""
-NamedImage = tuple[float, str, GreyImage]
-UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +93,7 @@ class Recording:
         if self.read is not None:
             return self.read()
         return (
-            _video_images(self.path, self.warnings, self.stretch)
+            video_images(self.path, self.warnings, self.stretch)
             if self.is_video
             else _photo_images(self.photos, self.warnings, self.stretch)
         )
@@ -132,8 +128,8 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
         expected_frames = len(photos)
     else:
         photos = ()
-        first = _first_image(path)
-        metadata, expected_frames = _video_header(path)
+        first = first_video_image(path)
+        metadata, expected_frames = read_video_header(path)
         focal = focal_of_video(metadata)
         stretch = stretch_of_video(path)
     height, width = first.shape
@@ -188,67 +184,3 @@ def _photo_images(
         )
         if note not in warnings:
             warnings.append(note)
-
-
-def _open_video(path: Path) -> "av.container.InputContainer":
-    try:
-        container = av.open(str(path))
-    except UNREADABLE as error:
-        raise BadInputError(f"{path}: not a readable video ({_error_text(error)})") from error
-    if not container.streams.video:
-        container.close()
-        raise BadInputError(f"{path}: holds no video stream")
-    return container
-
-
-def _error_text(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
-
-
-def _video_header(path: Path) -> tuple[dict[str, str], int]:
-    """Metadata, and the number of frames by the stream or by the duration; 0 where unknown."""
-    with _open_video(path) as container:
-        stream = container.streams.video[0]
-        duration_s = (container.duration or 0) / av.time_base
-        count = stream.frames or round(duration_s * float(stream.average_rate or 0))
-        return container.metadata | stream.metadata, max(0, count)
-
-
-def _first_image(path: Path) -> GreyImage:
-    for _, _, image in _video_images(path, []):
-        return image
-    raise BadInputError(f"{path}: not one frame of this video can be decoded")
-
-
-def _video_images(
-    path: Path, warnings: list[str], stretch: Stretch | None = None
-) -> Iterator[tuple[float, str, GreyImage]]:
-    """Decodes what there is; an early end is noted in `warnings`, not raised."""
-    count, time_s, declared_s = 0, 0.0, 0.0
-    broken = False
-    with _open_video(path) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        rate = float(stream.average_rate or 25)
-        declared_s = float((container.duration or 0) / av.time_base)
-        start_s = float((container.start_time or 0) / av.time_base)
-        try:
-            for frame in container.decode(stream):
-                if frame.is_corrupt:
-                    broken = True
-                    continue
-                time_s = frame.time if frame.time is not None else count / rate
-                count += 1
-                yield time_s, path.name, _to_grey(frame, stretch)
-        except UNREADABLE:
-            broken = True
-    if broken or (count and declared_s - (time_s - start_s) - 1 / rate > MISSING_TAIL_S):
-        note = f"{path.name}: damaged or truncated; {count} frames decoded, up to {time_s:.2f} s"
-        if note not in warnings:
-            warnings.append(note)
-
-
-def _to_grey(frame: av.VideoFrame, stretch: Stretch | None) -> GreyImage:
-    image = grey_of_frame(frame, stretch)
-    quarter_turns = round(getattr(frame, "rotation", 0) / 90) % 4
-    return np.ascontiguousarray(np.rot90(image, quarter_turns))

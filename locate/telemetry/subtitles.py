@@ -7,6 +7,7 @@ import av
 from av.stream import Discard
 
 from geometry.errors import BadInputError
+from locate.recording.video import start_of_video_s
 from locate.telemetry.bounded import MAX_TEXT_BYTES, report_as_bad_input
 from locate.telemetry.dji_srt import track_of_cues
 from locate.telemetry.track import TelemetryTrack
@@ -15,12 +16,12 @@ KIND = "video subtitle"
 
 
 def read_subtitles(path: Path) -> TelemetryTrack:
-    """Reads the first subtitle track of a video; times are those of its frames.
+    """Reads the first subtitle track of a video; times count from its first frame.
 
     Raises:
         BadInputError: Not a readable video, no text subtitles, or none that holds a position.
     """
-    with report_as_bad_input(path, "video"), av.open(str(path)) as container:
+    with report_as_bad_input(path, "video"), av.open(str(path.absolute())) as container:
         if not container.streams.subtitles:
             raise BadInputError(
                 f"{path}: no telemetry inside this video; give a .SRT, GPX, CSV or log beside it"
@@ -33,7 +34,7 @@ def _read_cues(path: Path, container: "av.container.InputContainer") -> Iterator
     for other in container.streams:
         if other.index != stream.index:
             other.discard = Discard.all  # so that gigabytes of images are not read
-    left = MAX_TEXT_BYTES
+    start_s, left = start_of_video_s(container), MAX_TEXT_BYTES
     for packet in container.demux(stream):
         content = bytes(packet)
         if packet.pts is None or not content:
@@ -43,4 +44,5 @@ def _read_cues(path: Path, container: "av.container.InputContainer") -> Iterator
             raise BadInputError(f"{path}: its subtitle track is over {MAX_TEXT_BYTES // 2**20} MiB")
         if stream.codec_context.name == "mov_text":  # two bytes of length, 3GPP TS 26.245
             content = content[2 : 2 + int.from_bytes(content[:2], "big")]
-        yield float(packet.pts * packet.time_base), content.decode("utf-8", errors="replace")
+        time_s = float(packet.pts * packet.time_base) - start_s
+        yield time_s, content.decode("utf-8", errors="replace")

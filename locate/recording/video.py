@@ -1,0 +1,140 @@
+"""A video file, frame by frame as a player shows it: in time, shape, fields and orientation."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+
+from geometry.arrays import GreyImage
+from geometry.errors import BadInputError
+from geometry.stretch import Stretch
+from locate.recording.depth import grey_of_frame
+from locate.recording.display import PictureGeometry
+from locate.recording.fields import FILTER, merge_fields
+
+MISSING_TAIL_S = 0.5
+"""Missing end of a video from which on it counts as truncated."""
+NamedImage = tuple[float, str, GreyImage]
+UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
+
+
+def open_video(path: Path) -> "av.container.InputContainer":
+    """Opens a file that has a video stream.
+
+    Raises:
+        BadInputError: It cannot be read, or has none.
+    """
+    try:
+        container = av.open(str(path.absolute()))  # 12:30:05.mkv alone would be a protocol
+    except UNREADABLE as error:
+        raise BadInputError(f"{path}: not a readable video ({_error_text(error)})") from error
+    if not container.streams.video:
+        container.close()
+        raise BadInputError(f"{path}: holds no video stream")
+    return container
+
+
+def start_of_video_s(container: "av.container.InputContainer") -> float:
+    """When the first frame is shown, s on the clock that all streams of the file share."""
+    if not container.streams.video:
+        return 0.0
+    stream = container.streams.video[0]
+    if stream.start_time is None or stream.time_base is None:
+        return 0.0
+    return float(stream.start_time * stream.time_base)
+
+
+def _declared_end_s(container: "av.container.InputContainer") -> float:
+    """When the file says that it ends, on the clock of its streams; 0 where it does not."""
+    duration_s = (container.duration or 0) / av.time_base
+    if "matroska" in container.format.name or not duration_s:  # its duration counts from zero
+        return duration_s
+    return duration_s + (container.start_time or 0) / av.time_base
+
+
+def read_video_header(path: Path) -> tuple[dict[str, str], int]:
+    """Metadata, and the number of frames by the stream or by the duration; 0 where unknown."""
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        length_s = _declared_end_s(container) - start_of_video_s(container)
+        count = stream.frames or round(length_s * float(stream.average_rate or 0))
+        return container.metadata | stream.metadata, max(0, count)
+
+
+def first_video_image(path: Path) -> GreyImage:
+    """The first frame.
+
+    Raises:
+        BadInputError: Not one can be decoded.
+    """
+    for _, _, image in video_images(path, []):
+        return image
+    raise BadInputError(f"{path}: not one frame of this video can be decoded")
+
+
+def video_images(
+    path: Path, warnings: list[str], stretch: Stretch | None = None
+) -> Iterator[NamedImage]:
+    """Decodes what there is; times count from the first frame.
+
+    An early end, and what was done to show the frames as a player does, is noted in `warnings`,
+    not raised.
+    """
+    count, time_s = 0, 0.0
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        rate = float(stream.average_rate or 25)
+        start_s = start_of_video_s(container)
+        length_s = _declared_end_s(container) - start_s
+        decoded = _DecodedFrames(container=container, stream=stream)
+        for frame in merge_fields(decoded.frames()):
+            time_s = frame.time - start_s if frame.time is not None else count / rate
+            count += 1
+            image = grey_of_frame(frame, stretch)
+            geometry = PictureGeometry.of(frame, stream)
+            if count == 1:
+                _add_notes(warnings, path, geometry.describe(image))
+            yield time_s, path.name, geometry.show(image)
+    if decoded.interlaced:
+        _add_notes(warnings, path, [f"its frames are interlaced; {FILTER} deinterlaced them"])
+    if decoded.broken or (count and length_s - time_s - 1 / rate > MISSING_TAIL_S):
+        note = f"damaged or truncated; {count} frames decoded, up to {time_s:.2f} s"
+        _add_notes(warnings, path, [note])
+
+
+@dataclass(kw_only=True)
+class _DecodedFrames:
+    """The frames of a stream that decode, up to where none does.
+
+    Attributes:
+        broken: Some did not, among those read so far.
+        interlaced: Some are of two fields, among those read so far.
+    """
+
+    container: "av.container.InputContainer"
+    stream: "av.VideoStream"
+    broken: bool = False
+    interlaced: bool = False
+
+    def frames(self) -> Iterator[av.VideoFrame]:
+        try:
+            for frame in self.container.decode(self.stream):
+                if frame.is_corrupt:
+                    self.broken = True
+                    continue
+                self.interlaced |= frame.interlaced_frame
+                yield frame
+        except UNREADABLE:
+            self.broken = True
+
+
+def _add_notes(warnings: list[str], path: Path, notes: list[str]) -> None:
+    """Adds what is not noted yet; a video is read more than once."""
+    named = (f"{path.name}: {note}" for note in notes)
+    warnings.extend(note for note in named if note not in warnings)
+
+
+def _error_text(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)
