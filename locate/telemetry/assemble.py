@@ -11,7 +11,7 @@ import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
-from locate.telemetry.plausible import leave_out_strays
+from locate.telemetry.plausible import leave_out_namesakes, leave_out_strays
 from locate.telemetry.resample import wrap_angles
 from locate.telemetry.track import COLUMNS, PERIOD_DEG, AltitudeDatum, Clock, TelemetryTrack
 
@@ -128,6 +128,7 @@ def track_from_columns(
     taken = {key: clean[key][rows] for key in COLUMNS}
     photos = () if names is None else tuple(names[int(i)] for i in rows)
     latitude_deg, longitude_deg = taken["latitude_deg"], taken["longitude_deg"]
+    notes += leave_out_namesakes(path, latitude_deg, longitude_deg, photos)
     notes += leave_out_strays(path, latitude_deg, longitude_deg, times_s, photos)
     if not np.isfinite(taken["clock_s"]).any():
         clock = Clock.NONE

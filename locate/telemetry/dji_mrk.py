@@ -33,6 +33,7 @@ def parse_mrk(text: str, path: Path) -> TelemetryTrack:
         BadInputError: No line can be read.
     """
     lines = _LINE.findall(text)
+    lost = sum(1 for line in text.splitlines() if line.strip()) - len(lines)
     records = (_line_record(*(float(number) for number in line[1:])) for line in lines)
     return track_from_columns(
         path,
@@ -41,6 +42,7 @@ def parse_mrk(text: str, path: Path) -> TelemetryTrack:
         datum=AltitudeDatum.ELLIPSOID,
         clock=Clock.UTC,
         names=[line[0] for line in lines],
+        warnings=[f"{path.name}: {lost} lines of no known form were left out"] if lost else [],
     )
 
 

@@ -16,6 +16,7 @@ from locate.telemetry.track import TelemetryTrack
 
 KIND = "ODM geo.txt"
 _PROJECTION = re.compile(r"\s*(EPSG:\d{4,6}|\+proj=[^\n]{1,300}|WGS84 UTM \d{1,2}[NS])\s*\n", re.I)
+_NUMBER = re.compile(r"[-+]?\d{1,12}(?:\.\d{0,15})?(?:[eE][-+]?\d{1,3})?")
 _COLUMNS = (
     "longitude_deg",
     "latitude_deg",
@@ -125,7 +126,4 @@ def _crs_name(text: str) -> str:
 
 
 def _parse_number(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return float("nan")
+    return float(word) if _NUMBER.fullmatch(word) else float("nan")

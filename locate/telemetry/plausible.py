@@ -7,7 +7,7 @@ import numpy as np
 
 from geometry.arrays import BoolArray, FloatArray, IntArray
 from locate.telemetry.resample import wrap_angles
-from locate.telemetry.track import METRES_PER_DEGREE
+from locate.telemetry.track import METRES_PER_DEGREE, file_name
 
 MAX_SPEED_MPS = 150.0
 """No vehicle that films a scene is faster; chosen."""
@@ -93,6 +93,37 @@ def leave_out_strays(
             f"(the first time at {times_s[jumps[0]]:.2f} s); check its positions and times"
         )
     return notes
+
+
+def leave_out_namesakes(
+    path: Path, latitude_deg: FloatArray, longitude_deg: FloatArray, names: Sequence[str]
+) -> list[str]:
+    """Sets the positions of photos of one file name (in two folders) to NaN where they differ.
+
+    Args:
+        path: The file.
+        latitude_deg: (N,) changed in place.
+        longitude_deg: (N,) changed in place.
+        names: (N,) photos, perhaps with their folders.
+
+    Returns:
+        How many were left out.
+    """
+    rows: dict[str, list[int]] = {}
+    for row, name in enumerate(names):
+        if np.isfinite(latitude_deg[row]):
+            rows.setdefault(file_name(name), []).append(row)
+    left_out = 0
+    for same in rows.values():
+        if np.ptp(latitude_deg[same]) > 0 or np.ptp(longitude_deg[same]) > 0:
+            latitude_deg[same] = longitude_deg[same] = np.nan
+            left_out += len(same)
+    if not left_out:
+        return []
+    return [
+        f"{path.name}: {left_out} positions were left out, as several photos of one name have "
+        "different ones; keep the rows of this recording only"
+    ]
 
 
 def _leave_out_far_photos(

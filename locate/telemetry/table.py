@@ -7,7 +7,7 @@ form is refused: its row has no position, or lacks that value, and the track's w
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, isnan, nan
 from pathlib import Path
@@ -23,6 +23,7 @@ from locate.telemetry.cells import (
     DAY_S,
     DURATIONS,
     LENGTHS,
+    SIDES,
     SPEEDS,
     UnknownForm,
     parse_clock_time,
@@ -38,10 +39,10 @@ KIND = "table"
 ALIASES = {
     "name": "filename name image imagename photo file",
     "path": "sourcefile",
-    "latitude_deg": "latitude lat gpslatitude latitudedeg",
-    "longitude_deg": "longitude lon lng long longtitude gpslongitude longitudedeg",
-    "latitude_ref": "gpslatituderef latituderef latref ns",
-    "longitude_ref": "gpslongituderef longituderef lonref lngref ew",
+    "latitude_deg": "latitude lat gpslatitude latitudedeg latitudens",
+    "longitude_deg": "longitude lon lng long longtitude gpslongitude longitudedeg longitudeew",
+    "latitude_ref": "gpslatituderef latituderef latref ns latdir latitudedirection",
+    "longitude_ref": "gpslongituderef longituderef lonref lngref ew londir longitudedirection",
     "altitude_ref": "gpsaltituderef altituderef",
     "ellipsoid_m": "altitudewgs84 ellipsoidalheight altitudeellipsoid ellh",
     "sea_level_m": "altitudeamsl amsl altitudeabovesealevel altitudemsl",
@@ -76,6 +77,7 @@ UNITS_OF = {
 _NO_UNITS = {"", "utc", "local", "gmt", "wgs84", "msl", "amsl", "egm96", "ellipsoid", "posix"}
 """What else may stand in the brackets of a title."""
 _TEXTS = ("name", "path", "latitude_ref", "longitude_ref", "altitude_ref", "clock_s", "day")
+_MOMENTS = ("clock_s", "of_day_s", "times_s")
 _SIGNED_HEIGHTS = {"1", "3", "below sea level"}
 _UNSIGNED_HEIGHTS = {"", "0", "2", "above sea level"}
 """Of GPSAltitudeRef, EXIF 3.0, table 17, as exiftool writes it."""
@@ -149,6 +151,8 @@ def parse_table(text: str, path: Path) -> TelemetryTrack:
         raise BadInputError(f"{path}: not a readable table ({error})") from error
     values = store.arrays()
     raise_if_all_refused(path, values, refused)
+    if by_photo is None:
+        _raise_if_no_time(columns, values, path, refused)
     _count_on_past_midnight(values)
     return track_from_columns(
         path,
@@ -218,6 +222,7 @@ def _row_record(
         refused.append(RefusedText(line, "row", ",".join(row), why, is_position=True))
         return {}
     cells = {key: row[c.index] if c.index < len(row) else "" for key, c in columns.items()}
+    cells |= _untitled_references(columns, row, cells)
     record: Record = {}
     for key, column in columns.items():
         try:
@@ -230,6 +235,21 @@ def _row_record(
     if not isfinite(record.get("latitude_deg", nan) + record.get("longitude_deg", nan)):
         record |= {"latitude_deg": nan, "longitude_deg": nan}
     return record | _time_record(columns, cells, line, refused)
+
+
+def _untitled_references(
+    columns: _Columns, row: list[str], cells: Mapping[str, str]
+) -> dict[str, str]:
+    """Hemispheres beside their coordinate, in columns whose title is not understood."""
+    taken = {column.index for column in columns.values()}
+    found: dict[str, str] = {}
+    for axis, sides in SIDES.items():
+        at = columns[f"{axis}_deg"].index
+        for index in (at - 1, at + 1):
+            is_free = 0 <= index < len(row) and index not in taken
+            if is_free and f"{axis}_ref" not in cells and row[index].strip().lower() in sides:
+                found[f"{axis}_ref"] = row[index]
+    return found
 
 
 def _last_needed(columns: _Columns) -> int:
@@ -297,6 +317,21 @@ def _moment_record(column: _TableColumn, text: str) -> Record:
     if not isnan(value) and column.key != "times_s":
         raise UnknownForm("no known form of a date and time")
     return {} if isnan(value) else {"times_s": value}
+
+
+def _raise_if_no_time(
+    columns: _Columns,
+    values: Mapping[str, FloatArray],
+    path: Path,
+    refused: Sequence[RefusedText],
+) -> None:
+    titles = {columns[key].title.strip() for key in ("clock_s", "day", "times_s") if key in columns}
+    first = next((entry for entry in refused if entry.what in titles), None)
+    known = [np.isfinite(values.get(key, np.nan)).any() for key in _MOMENTS]
+    if first is not None and not any(known):
+        raise BadInputError(
+            f"{path}, {first}; write seconds, 12:34:56 or 2024-05-01 12:34:56, or photo names"
+        )
 
 
 def _count_on_past_midnight(values: dict[str, FloatArray]) -> None:

@@ -210,13 +210,13 @@ class TelemetryTrack:
         """
         tables = [
             {key(name): row for row, name in reversed(list(enumerate(self.names)))}
-            for key in (_file_name, _file_stem)
+            for key in (file_name, _file_stem)
         ]
         if self.names and all(name.isdecimal() for name in self.names):
             numbers = {str(int(name)): row for row, name in enumerate(self.names)}
             return np.array([numbers.get(_last_number(n), -1) for n in names], dtype=np.int64)
         by_name, by_stem = tables
-        rows = [by_name.get(_file_name(n), by_stem.get(_file_stem(n), -1)) for n in names]
+        rows = [by_name.get(file_name(n), by_stem.get(_file_stem(n), -1)) for n in names]
         return np.array(rows, dtype=np.int64)
 
     def named(self, name: str) -> Self:
@@ -239,12 +239,13 @@ class TelemetryTrack:
         return self.times_s
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
+    """The name of a photo without its folders, in lower case."""
     return name.replace("\\", "/").rsplit("/", 1)[-1].lower()
 
 
 def _file_stem(name: str) -> str:
-    return Path(_file_name(name)).stem
+    return Path(file_name(name)).stem
 
 
 def _last_number(name: str) -> str:

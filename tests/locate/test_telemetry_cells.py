@@ -245,3 +245,25 @@ def test_any_cell_of_a_table_is_read_as_alone_or_refused(tmp_path: Path, cell: s
         assert "line 2" in found.warnings[0]
     else:
         assert found.latitude_deg[0] == alone or isnan(alone)
+
+
+@pytest.mark.parametrize("titles", ["lat,N/S,lon,E/W", "lat,lat_dir,lon,lon_dir", "lat,x,lon,y"])
+def test_hemispheres_beside_their_coordinates(tmp_path: Path, titles: str) -> None:
+    found = read(tmp_path, f"name,{titles}\na.jpg,33.8688,S,70.6483,W\n")
+    assert (found.latitude_deg[0], found.longitude_deg[0]) == (-33.8688, -70.6483)
+
+
+@pytest.mark.parametrize("time", ["12:34", "12:00:00:15", "2024-05-01 12:00", "noon"])
+def test_a_table_without_times_of_a_known_form_names_its_line(tmp_path: Path, time: str) -> None:
+    with pytest.raises(BadInputError, match=rf"table\.csv, line 2: time '{time}': no known form"):
+        read(tmp_path, f"time,lat,lon\n{time},48.1,11.5\n")
+
+
+def test_two_photos_of_one_name_have_no_position(tmp_path: Path) -> None:
+    found = read(
+        tmp_path,
+        "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude\n"
+        "a/1.JPG,48.1,11.5,500\nb/1.jpg,48.2,11.5,500\nb/2.jpg,48.2,11.6,500\n",
+    )
+    assert found.has_position.tolist() == [False, False, True]
+    assert "2 positions were left out, as several photos of one name" in found.warnings[0]
