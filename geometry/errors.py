@@ -52,3 +52,12 @@ def first_complaint(error: "ValidationError") -> tuple[str, str]:
     first = error.errors()[0]
     what = str(first["msg"]).removeprefix("Value error, ")
     return ".".join(str(part) for part in first["loc"]), what
+
+
+def describe_error(error: Exception) -> str:
+    """What the system says went wrong, and with which file, on one line."""
+    if isinstance(error, MemoryError):
+        return "too little memory"
+    what = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+    where = getattr(error, "filename", None)
+    return f"{where}: {what}" if where else str(what)

@@ -3,7 +3,7 @@
 import json
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rich.console import Console
@@ -28,13 +28,25 @@ class JsonLines(logging.Formatter):
         return json.dumps(line)
 
 
+class AppendedLines(logging.Handler):
+    """Appends each line at once; several processes may, and a full disk costs the line only."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+        self.setFormatter(JsonLines())
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Writes one event."""
+        with suppress(OSError), self.path.open("a") as file:
+            file.write(self.format(record) + "\n")
+
+
 @contextmanager
 def log_to_file(path: Path, *, console: Console | None = None) -> Iterator[None]:
     """Appends what happens inside to log.jsonl, and to the console where one is given."""
     log = logging.getLogger("locate")
-    file = logging.FileHandler(path)
-    file.setFormatter(JsonLines())
-    handlers: list[logging.Handler] = [file]
+    handlers: list[logging.Handler] = [AppendedLines(path)]
     if console is not None:
         handlers.append(RichHandler(console=console, show_path=False))
     before = log.level

@@ -32,8 +32,8 @@ def measure_frames(
 ) -> str:
     """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
 
-    Frames that already have their file are left alone. Of a share (k, n), every n-th frame from
-    the k-th is done, and no index written.
+    Frames that already have their file are left alone, unless it is damaged. Of a share (k, n),
+    every n-th frame from the k-th is done, and no index written.
     """
     folder.mkdir(exist_ok=True)
     frames = posed.undistorted()
@@ -42,7 +42,7 @@ def measure_frames(
     for done, row in enumerate(share_rows):
         report("detections", done / len(share_rows))
         path = folder / f"{posed.indices[row]:06d}.npz"
-        if not path.exists():
+        if not is_whole(path):
             detector.detect(frames, int(row)).save(path)
     report("detections", 1.0)
     if share == WHOLE:
@@ -52,6 +52,17 @@ def measure_frames(
             response=None if detector.response is None else detector.response.to_plain(),
         ).save(folder)
     return f"{len(rows)} frames, {detector.name}"
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a detection is there and can be read."""
+    if not path.exists():
+        return False
+    try:
+        Detection.load(path)
+    except BadInputError:
+        return False
+    return True
 
 
 def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:

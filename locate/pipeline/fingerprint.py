@@ -27,9 +27,9 @@ def fingerprint_path(path: Path) -> str:
     Raises:
         BadInputError: One cannot be read.
     """
-    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
     summary = hashlib.sha256()
     try:
+        files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
         for file in files:
             size = file.stat().st_size
             summary.update(f"{file.relative_to(path.parent)} {size}".encode())

@@ -11,8 +11,9 @@ import numpy as np
 
 from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX
-from geometry.atomic import atomic_path, write_text_atomic
+from geometry.atomic import atomic_path, is_unfinished, remove_unfinished, write_text_atomic
 from geometry.errors import BadInputError
+from geometry.lock import LOCK, hold_lock
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
 from locate.export.pictures import displacement_picture, overlay_evidence
@@ -144,31 +145,38 @@ def _write_detection(detection: Detection, output: Path, label: str, threshold_n
 @contextmanager
 def _claim_folder(output: Path) -> Iterator[Path]:
     """Empties OUTPUT of an earlier call's files; gives a folder that is gone afterwards."""
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        if any(output.iterdir()) and not _was_written_here(output / INDEX):
+    with ExitStack() as stack:
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+            left = [path for path in output.iterdir() if not _is_hidden(path)]
+            if left and not _was_written_here(output / INDEX):
+                raise BadInputError(
+                    f"{output}: not empty and not written by locate detect; "
+                    "choose another folder with -o"
+                )
+            stack.enter_context(hold_lock(output))
+            remove_unfinished(output)
+            for name in (*FOLDERS, VIDEO, SCRATCH):
+                remove_inside(output, name)
+            write_text_atomic(output / INDEX, json.dumps({"schema": SCHEMA, "frames": []}))
+            for name in (*FOLDERS, SCRATCH):
+                (output / name).mkdir()
+        except OSError as error:
             raise BadInputError(
-                f"{output}: not empty and not written by locate detect; "
-                "choose another folder with -o"
-            )
-        for name in (*FOLDERS, VIDEO, SCRATCH):
-            remove_inside(output, name)
-        write_text_atomic(output / INDEX, json.dumps({"schema": SCHEMA, "frames": []}))
-        for name in (*FOLDERS, SCRATCH):
-            (output / name).mkdir()
-    except OSError as error:
-        raise BadInputError(
-            f"{output}: cannot be written ({error.strerror}); choose another folder with -o"
-        ) from error
-    try:
+                f"{output}: cannot be written ({error.strerror}); choose another folder with -o"
+            ) from error
+        stack.callback(remove_inside, output, SCRATCH)
         yield output / SCRATCH
-    finally:
-        remove_inside(output, SCRATCH)
+
+
+def _is_hidden(path: Path) -> bool:
+    """Whether a file is the lock, or what a command that was killed at its first file left."""
+    return path.name == LOCK or is_unfinished(path)
 
 
 def _was_written_here(index: Path) -> bool:
     try:
         content: Any = json.loads(index.read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and content.get("schema") == SCHEMA

@@ -74,13 +74,14 @@ class Run:
             BadInputError: Something given cannot be used.
             RegistrationError: The frames could not be registered; the error says why.
         """
-        key_frames = self._choose_frames()
-        plan = self._plan_measurement(key_frames)
-        self._measure(plan)
-        self._fuse(plan)
-        self._publish(plan)
-        self.folder.withdraw_others()
-        return PlumeMap.load(self.files.map)
+        with self.folder.hold():
+            key_frames = self._choose_frames()
+            plan = self._plan_measurement(key_frames)
+            self._measure(plan)
+            self._fuse(plan)
+            self._publish(plan)
+            self.folder.withdraw_others()
+            return PlumeMap.load(self.files.map)
 
     @with_one_blas_thread
     def prepare(self, *, poses: bool = True, share: tuple[int, int] | None = None) -> None:
@@ -91,11 +92,12 @@ class Run:
             share: (k, n): measure refraction in every n-th of the chosen frames from the k-th,
                 which several processes may do at the same time; None in none.
         """
-        key_frames = self._choose_frames()
-        if poses:
-            plan = self._plan_measurement(key_frames)
-            if share is not None:
-                self._measure(plan, share)
+        with self.folder.hold(shared=share is not None):
+            key_frames = self._choose_frames()
+            if poses:
+                plan = self._plan_measurement(key_frames)
+                if share is not None:
+                    self._measure(plan, share)
 
     def _choose_frames(self) -> KeyFrames:
         recording = self.source.open_frames(self.config.max_side)

@@ -2,27 +2,32 @@
 
 import json
 import logging
+import sqlite3
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import yaml
 
-from geometry.atomic import write_text_atomic
-from geometry.errors import BadInputError
+from geometry.atomic import is_unfinished, remove_unfinished, write_text_atomic
+from geometry.errors import BadInputError, describe_error
+from geometry.lock import LOCK, hold_lock
 from geometry.removal import path_inside, remove_inside
 from locate import __version__
 from locate.journal.costs import StageTime, cpu_seconds
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import digest, fingerprint_code
-from locate.pipeline.stamp import OWN_FILES, Stamp
+from locate.pipeline.stamp import OWN_FILES, PUBLISHING, Stamp, digest_outputs
 
 SCHEMA = "locate.run/1"
 PARTIAL, STAMPS = ".partial", ".stages"
 """Where stages build their files, and where it is remembered that they are done."""
 HIDDEN = (PARTIAL, STAMPS)
+SYSTEM_ERRORS = (OSError, MemoryError, sqlite3.OperationalError)
+"""What a disk, its rights or too little memory raise; the last is of GeoPackages."""
 log = logging.getLogger("locate")
 
 
@@ -31,7 +36,7 @@ class RunFolder:
 
     A stage builds its files in ``.partial/``, they are moved into place when all of them are
     there, and a stamp in ``.stages/`` is written last: a run killed at any moment continues
-    with the stage it was in, and a stage whose inputs have not changed is skipped.
+    with the stage it was in, and a stage whose inputs and files have not changed is skipped.
 
     Args:
         root: The folder; made where it is missing.
@@ -51,9 +56,9 @@ class RunFolder:
         self._done: set[str] = set()
         try:
             root.mkdir(parents=True, exist_ok=True)
-            self._claim()
-            for name in (*HIDDEN, *OWN_FILES):
+            for name in (*HIDDEN, *OWN_FILES, LOCK):
                 path_inside(root, name)
+            self._claim()
             for hidden in HIDDEN:
                 (root / hidden).mkdir(exist_ok=True)
         except OSError as error:
@@ -61,26 +66,56 @@ class RunFolder:
                 f"{root}: cannot be written ({error.strerror}); choose another folder with -o"
             ) from error
 
-    def _claim(self) -> None:
-        if self.files.config.is_file():
-            self._check_version()
-        elif any(path.name not in (*HIDDEN, self.files.log.name) for path in self.root.iterdir()):
-            raise BadInputError(
-                f"{self.root}: not empty and not a run folder; choose another folder with -o"
-            )
+    @contextmanager
+    def hold(self, *, shared: bool = False) -> Iterator[None]:
+        """Keeps other commands from this folder while the block runs.
 
-    def _check_version(self) -> None:
-        path = self.files.config
-        try:
-            content = yaml.safe_load(path.read_text())
-            schema = content["schema"]
-        except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError) as error:
-            raise BadInputError(f"{path}: not a readable run configuration") from error
-        if schema != SCHEMA:
+        Args:
+            shared: Others may do a share of a stage at the same time, see `begin`.
+
+        Raises:
+            BadInputError: Another command is at work on it, or it cannot be written.
+        """
+        with self._report_errors("opening the folder"), hold_lock(self.root, shared=shared):
+            if not shared:
+                remove_unfinished(self.root)
+            yield
+
+    def _claim(self) -> None:
+        """Refuses a folder that holds anything but what runs of this version leave."""
+        for path in (self.files.config, self.files.log):
+            if path.exists() and not path.is_file():
+                raise BadInputError(f"{path}: not a file; choose another folder with -o")
+        schema = self._read_schema()
+        if schema is None and not self._holds_only_results():
+            raise BadInputError(
+                f"{self.files.config}: not a readable run configuration; "
+                "choose another folder with -o"
+                if self.files.config.exists()
+                else f"{self.root}: not empty and not a run folder; choose another folder with -o"
+            )
+        if schema not in (None, SCHEMA):
             raise BadInputError(
                 f"{self.root}: written as {schema}, this program reads {SCHEMA}; "
                 "choose another folder with -o"
             )
+
+    def _read_schema(self) -> object:
+        """Of config.yaml; None where that is missing or damaged."""
+        try:
+            content = yaml.safe_load(self.files.config.read_bytes())
+        except (OSError, ValueError, yaml.YAMLError, RecursionError):
+            return None
+        return content.get("schema") if isinstance(content, dict) else None
+
+    def _holds_only_results(self) -> bool:
+        """Whether every file is named by a stamp or comes before any stage, but for config.yaml."""
+        stamps = [Stamp.load(path) for path in (self.root / STAMPS).glob("[!.]*.json")]
+        results = {name for stamp in stamps if stamp is not None for name in stamp.outputs}
+        usual = {*HIDDEN, LOCK, self.files.log.name, *results}
+        if results:
+            usual.add(self.files.config.name)
+        return all(path.name in usual or is_unfinished(path) for path in self.root.iterdir())
 
     def save_config(self, settings: Mapping[str, Any]) -> None:
         """Writes config.yaml."""
@@ -109,27 +144,30 @@ class RunFolder:
         """
         fingerprint = self._fingerprint(name, after, inputs, code)
         self._done.add(name)
-        stamp_path = self.root / STAMPS / f"{name}.json"
-        stamp = self._valid_stamp(stamp_path, fingerprint)
-        if stamp is not None:
-            self.times.append(stamp.time)
-            log.info("skipped, its result is valid", extra={"stage": name})
-            return
-        self._withdraw(stamp_path)
+        # Of several processes that do shares of a later stage, one does this stage.
+        with self._report_errors(name), hold_lock(self.root / STAMPS, wait=True):
+            stamp = self._valid_stamp(name, fingerprint)
+            if stamp is None:
+                stamp = self._make(name, fingerprint, build)
+            else:
+                log.info("skipped, its result is valid", extra={"stage": name})
+        self.times.append(stamp.time)
+
+    def _make(self, name: str, fingerprint: str, build: Callable[[Path], str]) -> Stamp:
+        self._withdraw(self._stamp_path(name))
         log.info("start", extra={"stage": name})
         wall, cpu = time.perf_counter(), cpu_seconds()
         partial = self._partial(name, fingerprint)
         note = build(partial)
-        outputs = self._publish(partial)
         spent = StageTime(
             name=name,
             wall_s=time.perf_counter() - wall,
             cpu_s=cpu_seconds() - cpu,
             note=note,
         )
-        self.times.append(spent)
-        Stamp(fingerprint=fingerprint, outputs=outputs, time=spent).save(stamp_path)
+        stamp = self._publish(partial, fingerprint, spent)
         log.info(note, extra={"stage": name, "wall_s": spent.wall_s, "cpu_s": spent.cpu_s})
+        return stamp
 
     def begin(
         self,
@@ -150,8 +188,9 @@ class RunFolder:
             build: Writes some of the stage's files into the folder it is given.
         """
         fingerprint = self._fingerprint(name, after, inputs, code)
-        if self._valid_stamp(self.root / STAMPS / f"{name}.json", fingerprint) is None:
-            build(self._partial(name, fingerprint))
+        with self._report_errors(name):
+            if self._valid_stamp(name, fingerprint) is None:
+                build(self._partial(name, fingerprint))
 
     def _fingerprint(
         self,
@@ -171,24 +210,49 @@ class RunFolder:
         self._fingerprints[name] = fingerprint
         return fingerprint
 
-    def _valid_stamp(self, stamp_path: Path, fingerprint: str) -> Stamp | None:
-        stamp = None if self._force else Stamp.load(stamp_path)
+    @contextmanager
+    def _report_errors(self, doing: str) -> Iterator[None]:
+        """Turns an error of the system, such as a full disk, into one line."""
+        try:
+            yield
+        except SYSTEM_ERRORS as error:
+            kept = ", ".join(one.name for one in self.times) or "no stage yet"
+            raise BadInputError(
+                f"{self.root}: {doing} failed, {describe_error(error)}; kept: {kept}; "
+                "mend this, and the same command goes on from there"
+            ) from error
+
+    def _stamp_path(self, name: str) -> Path:
+        return self.root / STAMPS / f"{name}.json"
+
+    def _valid_stamp(self, name: str, fingerprint: str) -> Stamp | None:
+        stamp = None if self._force else Stamp.load(self._stamp_path(name))
         if stamp is None or stamp.fingerprint != fingerprint:
             return None
-        return stamp if all((self.root / name).exists() for name in stamp.outputs) else None
+        damaged = stamp.find_damage(self.root)
+        if damaged is None:
+            return stamp
+        log.warning("%s is missing or was altered; done again", damaged, extra={"stage": name})
+        return None
 
     def _withdraw(self, stamp_path: Path) -> None:
-        """Removes what an earlier run of a stage left, so that no stale file outlives it."""
+        """Removes what an earlier run of a stage left, so that no stale file outlives it.
+
+        The stamp goes last: whoever is killed on the way, or the next one, knows what is left.
+        """
         stamp = Stamp.load(stamp_path)
-        remove_inside(stamp_path.parent, stamp_path.name)
         for name in [] if stamp is None else stamp.outputs:
             remove_inside(self.root, name)
+        remove_inside(stamp_path.parent, stamp_path.name)
 
     def withdraw_others(self) -> None:
-        """Removes the results of stages that an earlier run had and this one has not."""
-        for stamp_path in (self.root / STAMPS).glob("[!.]*.json"):
-            if stamp_path.stem not in self._done:
-                self._withdraw(stamp_path)
+        """Removes what earlier runs left that this one has not: results of stages, half stages."""
+        with self._report_errors("removing old results"):
+            for stamp_path in (self.root / STAMPS).glob("[!.]*.json"):
+                if stamp_path.stem not in self._done:
+                    self._withdraw(stamp_path)
+            for left in list((self.root / PARTIAL).iterdir()):
+                remove_inside(left.parent, left.name)
 
     def _partial(self, name: str, fingerprint: str) -> Path:
         """Where the stage builds; what the same stage left there with the same inputs is kept."""
@@ -200,10 +264,19 @@ class RunFolder:
         mine.mkdir(exist_ok=True)
         return mine
 
-    def _publish(self, partial: Path) -> list[str]:
-        names = sorted(path.name for path in partial.iterdir())
-        for name in names:
+    def _publish(self, partial: Path, fingerprint: str, spent: StageTime) -> Stamp:
+        """Moves the files of a stage into place; a kill on the way leaves none without a stamp."""
+        stamp = Stamp(
+            fingerprint=fingerprint,
+            outputs=sorted(path.name for path in partial.iterdir()),
+            files=digest_outputs(partial),
+            time=spent,
+        )
+        path = self._stamp_path(spent.name)
+        stamp.model_copy(update={"fingerprint": PUBLISHING}).save(path)
+        for name in stamp.outputs:
             remove_inside(self.root, name)
             (partial / name).replace(self.root / name)
         partial.rmdir()
-        return names
+        stamp.save(path)
+        return stamp

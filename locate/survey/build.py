@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.lock import hold_lock
 from geometry.threads import with_one_blas_thread
 from locate import __version__
 from locate.journal.progress import Report, silent
@@ -55,8 +56,21 @@ def build_survey(
         report: Called with the progress.
 
     Raises:
-        BadInputError: The folder cannot be used, or no flight could be placed on the Earth.
+        BadInputError: The folder cannot be used, another command is at work on it, or no flight
+            could be placed on the Earth.
     """
+    open_survey(output)
+    with hold_lock(output):
+        return _build_survey(given, output, settings, scheduler, report)
+
+
+def _build_survey(
+    given: Sequence[Path],
+    output: Path,
+    settings: SurveySettings | None,
+    scheduler: str | None,
+    report: Report,
+) -> Survey:
     before = open_survey(output)
     settings = settings or before.settings
     flights = _run_flights(

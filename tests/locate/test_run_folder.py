@@ -1,9 +1,16 @@
+import errno
 import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
+from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from locate.pipeline.run_folder import RunFolder
 
@@ -267,3 +274,214 @@ def test_a_stamp_that_was_never_finished_withdraws_nothing(tmp_path: Path) -> No
     again.stage("one", inputs={}, build=make("x", []))
     again.withdraw_others()
     assert (tmp_path / "answer.txt").exists()
+
+
+def finish(root: Path, build=None, **inputs: object) -> RunFolder:
+    """A run of one stage, "one"; as `Run.run` does it."""
+    folder = RunFolder(root)
+    with folder.hold():
+        folder.save_config({})
+        folder.stage("one", inputs=inputs, build=build or make("x", []))
+        folder.withdraw_others()
+    return folder
+
+
+def tree(root: Path) -> dict[str, bytes]:
+    """Every file of a run folder but the log and the times of its stamps."""
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in root.rglob("*")
+        if path.is_file() and path.parent.name != ".stages" and path.name != "log.jsonl"
+    }
+
+
+def test_a_second_run_on_the_folder_is_refused_and_changes_nothing(tmp_path: Path) -> None:
+    def build(_: Path) -> str:
+        before = tree(tmp_path)
+        for shared in (False, True):
+            with (
+                pytest.raises(BadInputError, match="another command is at work"),
+                RunFolder(tmp_path).hold(shared=shared),
+            ):
+                raise AssertionError
+        assert tree(tmp_path) == before
+        return "done"
+
+    finish(tmp_path, build)
+    finish(tmp_path, build, v=2)
+
+
+def test_shares_of_a_stage_hold_the_folder_together_and_keep_a_run_away(tmp_path: Path) -> None:
+    with (
+        RunFolder(tmp_path).hold(shared=True),
+        RunFolder(tmp_path).hold(shared=True),
+        pytest.raises(BadInputError, match="at work"),
+        RunFolder(tmp_path).hold(),
+    ):
+        raise AssertionError
+    with RunFolder(tmp_path).hold():
+        pass
+
+
+def test_the_lock_of_a_killed_process_is_gone(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from locate.pipeline.run_folder import RunFolder\n"
+        "with RunFolder(Path(sys.argv[1])).hold():\n    print('held', flush=True); input()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"held\n"
+        with pytest.raises(BadInputError, match="at work"), RunFolder(tmp_path).hold():
+            raise AssertionError
+        process.kill()
+    finish(tmp_path)
+
+
+def make_many(calls: list[str], content: str = "abc"):
+    def build(folder: Path) -> str:
+        calls.append("made")
+        (folder / "frames" / "deep").mkdir(parents=True)
+        for name in ("a.txt", "frames/0.txt", "frames/deep/1.txt"):
+            (folder / name).write_text(content)
+        return "done"
+
+    return build
+
+
+@pytest.mark.parametrize("name", ["a.txt", "frames/0.txt", "frames/deep/1.txt"])
+@pytest.mark.parametrize("damage", ["flip", "cut", "empty", "gone", "folder", "link"])
+def test_a_damaged_output_is_noticed_and_made_again(tmp_path: Path, name: str, damage: str) -> None:
+    root = tmp_path / "run"
+    calls: list[str] = []
+    finish(root, make_many(calls))
+    whole = tree(root)
+    path = root / name
+    status = path.stat()
+    if damage in ("flip", "cut", "empty"):
+        path.write_text({"flip": "abd", "cut": "ab", "empty": ""}[damage])
+        os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    else:
+        path.unlink()
+        if damage == "folder":
+            path.mkdir()
+        if damage == "link":
+            (root / ".partial" / "same").write_text("abc")
+            path.symlink_to(root / ".partial" / "same")
+    finish(root, make_many(calls))
+    assert tree(root) == whole
+    assert calls == ["made", "made"]
+    assert not path.is_symlink()
+    finish(root, make_many(calls))
+    assert calls == ["made", "made"]
+
+
+def test_a_stamp_without_digests_is_no_stamp(tmp_path: Path) -> None:
+    calls: list[str] = []
+    finish(tmp_path, make_many(calls))
+    path = tmp_path / ".stages" / "one.json"
+    stamp = json.loads(path.read_text())
+    del stamp["files"]
+    path.write_text(json.dumps(stamp))
+    finish(tmp_path, make_many(calls))
+    assert calls == ["made", "made"]
+
+
+class KilledHereError(BaseException):
+    """In place of a kill: nothing cleans up behind it."""
+
+
+CHANGES = ("replace", "rename", "unlink", "rmdir", "mkdir")
+"""What changes a folder; a process may be killed before each."""
+
+
+def test_killed_at_any_change_of_the_folder_it_ends_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(root: Path, value: int, names: tuple[str, ...]) -> None:
+        def build(folder: Path) -> str:
+            for name in names:
+                with atomic_path(folder / name) as path:
+                    path.write_text(f"{name} {value}")
+            return "done"
+
+        finish(root, build, v=value)
+
+    run(tmp_path / "whole", 2, ("a", "c"))
+    whole = tree(tmp_path / "whole")
+    for killed_at in range(200):
+        root = tmp_path / f"run{killed_at}"
+        count = iter(range(1000))
+        with monkeypatch.context() as patch:
+            for name in CHANGES:
+                patch.setattr(Path, name, dying(getattr(Path, name), count, killed_at))
+            try:
+                run(root, 1, ("a", "b"))
+                run(root, 2, ("a", "c"))
+                break
+            except KilledHereError:
+                pass
+        run(root, 2, ("a", "c"))
+        assert tree(root) == whole
+        assert [path.name for path in (root / ".stages").iterdir()] == [".lock", "one.json"]
+        shutil.rmtree(root)
+    assert killed_at > 20
+
+
+def dying(method, count: Iterator[int], killed_at: int):
+    def change(path: Path, *given, **named):
+        if next(count) >= killed_at:  # also all that would clean up
+            raise KilledHereError
+        return method(path, *given, **named)
+
+    return change
+
+
+def test_killed_at_its_first_file_the_folder_is_not_refused(tmp_path: Path) -> None:
+    (tmp_path / ".config.123-45ab.partial.yaml").write_text("schema: loc")
+    finish(tmp_path)
+    assert not list(tmp_path.glob(".config*"))
+
+
+@pytest.mark.parametrize("content", [None, b"", b"\xff\x00", b"[" * 100_000])
+def test_a_lost_configuration_of_a_finished_run_is_written_anew(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    calls: list[str] = []
+    finish(tmp_path, make_many(calls))
+    config = (tmp_path / "config.yaml").read_bytes()
+    (tmp_path / "config.yaml").unlink()
+    if content is not None:
+        (tmp_path / "config.yaml").write_bytes(content)
+    finish(tmp_path, make_many(calls))
+    assert calls == ["made"]
+    assert (tmp_path / "config.yaml").read_bytes() == config
+
+
+@pytest.mark.parametrize(
+    "number", ["EIO", "EROFS", "EACCES", "ENOSPC", "EDQUOT", "ENAMETOOLONG", "EMFILE"]
+)
+def test_an_error_of_the_system_is_one_line_with_what_is_kept(tmp_path: Path, number: str) -> None:
+    error = getattr(errno, number)
+
+    def breaks(folder: Path) -> str:
+        raise OSError(error, os.strerror(error), str(folder / "x"))
+
+    folder = RunFolder(tmp_path)
+    with folder.hold():
+        folder.save_config({})
+        folder.stage("one", inputs={}, build=make("x", []))
+        with pytest.raises(BadInputError) as caught:
+            folder.stage("two", after=("one",), inputs={}, build=breaks)
+    text = str(caught.value)
+    assert "two failed" in text
+    assert os.strerror(error) in text
+    assert "kept: one;" in text
+    assert "\n" not in text
+
+
+def test_a_pipe_in_place_of_the_log_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "log.jsonl")
+    with pytest.raises(BadInputError, match="not a file"):
+        RunFolder(tmp_path)
