@@ -1,6 +1,5 @@
 """Networks in ONNX files: opened, checked, and run on images of any size."""
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import onnxruntime
 
 from geometry.arrays import FloatMap
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 
 SCHEMA = "locate.network/1"
 PROVIDERS = ("CUDAExecutionProvider", "CPUExecutionProvider")
@@ -99,7 +99,7 @@ class Network:
             BadInputError: It is not JSON.
         """
         try:
-            return json.loads(self.metadata.get(key, "null"))
+            return parse_json(self.metadata.get(key, "null"))
         except ValueError as error:
             raise BadInputError(
                 f"{self.path}: metadata {key!r} is broken; export it anew"

@@ -18,11 +18,14 @@ log = logging.getLogger("locate")
 
 
 @contextmanager
-def hold_lock(folder: Path, *, shared: bool = False, wait: bool = False) -> Iterator[None]:
+def hold_lock(
+    folder: Path, name: str = LOCK, *, shared: bool = False, wait: bool = False
+) -> Iterator[None]:
     """Holds a folder while the block runs; the kernel lets go of it when the process ends.
 
     Args:
         folder: It exists.
+        name: Of the lock, where the folder has several.
         shared: Others that share it may hold it at the same time.
         wait: Until it is free, instead of raising.
 
@@ -31,7 +34,7 @@ def hold_lock(folder: Path, *, shared: bool = False, wait: bool = False) -> Iter
         OSError: The lock cannot be written.
     """
     flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
-    descriptor = os.open(folder / LOCK, flags, 0o666)
+    descriptor = os.open(folder / name, flags, 0o666)
     how = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
     try:
         try:

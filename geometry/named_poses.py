@@ -1,6 +1,5 @@
 """Poses that know which image they belong to, and the search for a recording's frames in them."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.trajectory import Trajectory
 
 MAX_TIME_GAP_S = 0.02
@@ -129,7 +129,7 @@ def read_camera(path: Path, width: int, height: int) -> Camera:
         BadInputError: The file cannot be read, is none, or the aspect is another.
     """
     try:
-        content = json.loads(path.read_text())
+        content = parse_json(path.read_text())
         return resize_camera(Camera.from_dict(content.get("camera", content)), width, height)
     except (OSError, ValueError, AttributeError, BadInputError) as error:
         raise BadInputError(f"{path}: not a camera file ({error})") from error

@@ -1,20 +1,31 @@
 """Arrays in .npz files: written whole or not at all, never unpickled, and maybe broken."""
 
+import math
+import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from lzma import LZMAError
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import IO, Any, BinaryIO
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import ArrayLike
 
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 
-BROKEN = (OSError, EOFError, TypeError, ValueError, BadZipFile, zlib.error)
+BROKEN = (
+    OSError, EOFError, TypeError, ValueError, RuntimeError, MemoryError, OverflowError,
+    SyntaxError, BadZipFile, LZMAError, struct.error, zlib.error,
+)  # fmt: skip
 """What numpy raises for an .npz file that cannot be read."""
+MOST_BYTES = 2**30
+"""Of all arrays of a file that is read at once, or of one array; ours stay well below."""
+DEFLATE_RATIO = 1032
+"""No compressed byte stands for more."""
 
 
 def save_arrays(path: Path, **arrays: ArrayLike) -> None:
@@ -38,8 +49,10 @@ def open_arrays(path: Path, what: str) -> Iterator[Any]:
         BadInputError: The file is missing, broken or lacks an array. `what` is its name for people.
     """
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            yield file
+        with path.open("rb") as stream:
+            _check_sizes(stream)
+            with np.load(stream, allow_pickle=False) as file:
+                yield file
     except (*BROKEN, KeyError) as error:
         raise BadInputError(f"{path}: not {what}, delete it ({error})") from error
 
@@ -51,7 +64,48 @@ def read_npz(path: Path) -> dict[str, np.ndarray[Any, Any]]:
         BadInputError: The file is missing, cut short, or not a .npz of plain arrays.
     """
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+        with path.open("rb") as stream:
+            if _check_sizes(stream) > MOST_BYTES:
+                raise ValueError(f"its arrays take more than {MOST_BYTES // 2**20} MiB")
+            with np.load(stream, allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
     except BROKEN as error:
-        raise BadInputError(f"{path}: missing or not a readable .npz file") from error
+        reason = " ".join(str(error).split())[:120]
+        raise BadInputError(f"{path}: missing or not a readable .npz file ({reason})") from error
+
+
+def _check_sizes(stream: BinaryIO) -> int:
+    """Compares what a file declares with what it holds, before memory is taken.
+
+    Returns:
+        The bytes of all arrays.
+
+    Raises:
+        ValueError: An array is larger than its file, or declares another size than it has.
+    """
+    total = 0
+    with ZipFile(stream) as archive:
+        for entry in archive.infolist():
+            if not entry.filename.endswith(".npy"):
+                raise ValueError(f"{entry.filename} is no array")
+            if entry.file_size > DEFLATE_RATIO * entry.compress_size + DEFLATE_RATIO:
+                raise ValueError(f"{entry.filename} declares more than the file holds")
+            if entry.file_size > MOST_BYTES:
+                raise ValueError(f"{entry.filename} takes more than {MOST_BYTES // 2**20} MiB")
+            with archive.open(entry) as member:
+                declared = _array_bytes(member)
+                if member.tell() + declared != entry.file_size:
+                    raise ValueError(f"{entry.filename} has another size than it declares")
+            total += entry.file_size
+    stream.seek(0)
+    return total
+
+
+def _array_bytes(member: IO[bytes]) -> int:
+    """Of the array whose header comes next, by its shape and type."""
+    version = npy.read_magic(member)
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, dtype = read(member)
+    if dtype.hasobject:
+        raise ValueError("arrays of objects are not read")
+    return math.prod(shape) * dtype.itemsize

@@ -18,7 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
+from geometry.colmap_files import check_colmap_files
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.lens_terms import merge_cameras, read_transforms_camera, write_camera_block
 from geometry.named_poses import NamedPoses, resize_camera
 from geometry.trajectory import Trajectory
@@ -40,12 +42,21 @@ def read_named_poses(path: Path, camera: Camera | None = None) -> NamedPoses:
     """
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
+    found = _read_by_kind(path, camera)
+    try:
+        found.trajectory.check_range()
+    except BadInputError as error:
+        raise BadInputError(f"{path}: {error}") from error
+    return found
+
+
+def _read_by_kind(path: Path, camera: Camera | None) -> NamedPoses:
     if path.is_dir():
         return _read_colmap(path, camera)
     if path.suffix.lower() != ".json":
         return _read_tum(path, camera)
     try:
-        content = json.loads(path.read_text())
+        content = parse_json(path.read_text())
     except (OSError, ValueError) as error:
         raise BadInputError(f"{path}: not a readable pose file ({error})") from error
     if isinstance(content, dict) and "schema" not in content:
@@ -163,9 +174,10 @@ def _read_tum(path: Path, camera: Camera | None) -> NamedPoses:
 
 
 def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
+    check_colmap_files(folder)
     try:
         model = pycolmap.Reconstruction(folder)
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, IndexError, MemoryError) as error:
         raise BadInputError(f"{folder}: not a readable COLMAP model") from error
     images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda image: image.name)
     poses = [image.cam_from_world() for image in images]

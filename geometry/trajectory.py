@@ -12,11 +12,19 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.similarity import Similarity
 
 SCHEMA = "locate.trajectory/1"
 READABLE_SCHEMAS = (SCHEMA, "locate.truth/1")
 """The truth of a simulation carries the same block."""
+FARTHEST = 1e9
+"""World units from the origin. Coordinates on the Earth stay below 1e7 m; images are measured in
+32-bit numbers, in which the squares of 1e19 are infinite."""
+CLOSEST = 1e-6
+"""World units that the cameras of a path lie apart: a micrometre, where the unit is the metre. Much
+smaller ones vanish beside any tolerance."""
+MOST_VARIANCE = FARTHEST**2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,9 +185,31 @@ class Trajectory:
         if len(strange):
             index = self.indices[strange[0]]
             raise BadInputError(f"frame {index}: time and pose must be finite numbers")
+        self.check_range()
         repeated = np.flatnonzero(np.diff(self.indices) == 0)
         if len(repeated):
             raise BadInputError(f"frame {self.indices[repeated[0]]} comes more than once")
+
+    def check_range(self) -> None:
+        """Refuses poses that no camera had in any unit, before they are computed with.
+
+        Raises:
+            BadInputError: One is too far away or too uncertain, or all are too close together.
+        """
+        far = np.flatnonzero(~(np.abs(self.translations) <= FARTHEST).all(axis=1))
+        if len(far):
+            raise BadInputError(
+                f"frame {self.indices[far[0]]}: its camera is over {FARTHEST:g} units from the "
+                "origin; give the poses in metres"
+            )
+        extent = np.ptp(self.centers_in_world, axis=0).max(initial=0) if len(self) else 0.0
+        rounding = np.abs(self.translations).max(initial=0) * 1e-12
+        if rounding < extent < CLOSEST:
+            raise BadInputError(
+                f"its cameras are at most {extent:.2g} units apart; give the poses in metres"
+            )
+        if self.covariances is not None and (np.abs(self.covariances) > MOST_VARIANCE).any():
+            raise BadInputError(f"a covariance of a pose is over {MOST_VARIANCE:g}")
 
     def save(self, path: Path) -> None:
         """Writes trajectory.json."""
@@ -193,7 +223,7 @@ class Trajectory:
             BadInputError: The file is missing, not JSON, or not a trajectory.
         """
         try:
-            content = json.loads(path.read_text())
+            content = parse_json(path.read_text())
         except (OSError, ValueError) as error:
             raise BadInputError(f"{path}: not a readable trajectory file ({error})") from error
         if not isinstance(content, dict):

@@ -10,6 +10,7 @@ from torch import nn
 
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 
 SCHEMA = "locate.training/1"
 JOURNAL = "journal.jsonl"
@@ -67,7 +68,7 @@ def read_journal(folder: Path) -> list[dict[str, Any]]:
     lines = []
     for text in (folder / JOURNAL).read_text().splitlines():
         try:
-            lines.append(json.loads(text))
+            lines.append(parse_json(text))
         except ValueError:
             break
     return lines

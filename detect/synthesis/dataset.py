@@ -18,6 +18,7 @@ from detect.synthesis.sample import Sample, Sources, sample_at
 from geometry.arrays import BoolArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.npz import open_arrays, save_arrays
 
 SCHEMA = "locate.samples/1"
@@ -191,7 +192,7 @@ def read_index(folder: Path) -> dict[str, Any]:
     """
     path = folder / INDEX_NAME
     try:
-        index = json.loads(path.read_text())
+        index = parse_json(path.read_text())
     except (OSError, ValueError) as error:
         raise BadInputError(f"{path}: not a readable index of samples ({error})") from error
     if not isinstance(index, dict) or index.get("schema") != SCHEMA:

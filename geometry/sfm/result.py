@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
 
@@ -57,7 +58,7 @@ class Reconstruction:
         trajectory = Trajectory.load(folder / "trajectory.json")
         points = read_npz(folder / "points.npz")
         try:
-            content = json.loads((folder / "report.json").read_text())
+            content = parse_json((folder / "report.json").read_text())
             ends = np.cumsum(points["visible_counts"])[:-1]
             return cls(
                 trajectory=trajectory,

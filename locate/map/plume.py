@@ -10,6 +10,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.covariance import principal_sigmas
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.plain import to_plain_values
 from locate.map.schema import SCHEMA, RefractiveIndex, checked_fields
 
@@ -192,7 +193,7 @@ class PlumeMap:
             BadInputError: The file is missing, not JSON, or not a map of this version.
         """
         try:
-            content = json.loads(path.read_text())
+            content = parse_json(path.read_text())
         except (OSError, ValueError) as error:
             raise BadInputError(f"{path}: not a readable map ({error})") from error
         try:

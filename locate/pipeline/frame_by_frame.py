@@ -13,6 +13,7 @@ from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX
 from geometry.atomic import atomic_path, is_unfinished, remove_unfinished, write_text_atomic
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.lock import LOCK, hold_lock
 from geometry.removal import remove_inside
 from geometry.threads import with_one_blas_thread
@@ -176,7 +177,7 @@ def _is_hidden(path: Path) -> bool:
 
 def _was_written_here(index: Path) -> bool:
     try:
-        content: Any = json.loads(index.read_text())
+        content: Any = parse_json(index.read_text())
     except (OSError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and content.get("schema") == SCHEMA

@@ -7,6 +7,7 @@ from typing import Self
 
 from geometry.arrays import FloatArray
 from geometry.georeference import Alignment, Georeference
+from geometry.json_text import parse_json
 from geometry.trajectory import Trajectory
 from locate.map.georeferenced import georeference_map
 from locate.map.plume import PlumeMap
@@ -71,7 +72,7 @@ class Placement:
         """Reads what `save` wrote; a camera at rest has no such file and no placement."""
         if not path.exists():
             return cls()
-        content = json.loads(path.read_text())
+        content = parse_json(path.read_text())
         alignment, georeference = content["alignment"], content["georeference"]
         return cls(
             alignment=None if alignment is None else Alignment.from_dict(alignment),

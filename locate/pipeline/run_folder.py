@@ -26,6 +26,8 @@ SCHEMA = "locate.run/1"
 PARTIAL, STAMPS = ".partial", ".stages"
 """Where stages build their files, and where it is remembered that they are done."""
 HIDDEN = (PARTIAL, STAMPS)
+STAGE_LOCK = ".stage.lock"
+"""Held while a stage is made, by one of the processes that hold the folder together."""
 SYSTEM_ERRORS = (OSError, MemoryError, sqlite3.OperationalError)
 """What a disk, its rights or too little memory raise; the last is of GeoPackages."""
 log = logging.getLogger("locate")
@@ -56,7 +58,7 @@ class RunFolder:
         self._done: set[str] = set()
         try:
             root.mkdir(parents=True, exist_ok=True)
-            for name in (*HIDDEN, *OWN_FILES, LOCK):
+            for name in (*HIDDEN, *OWN_FILES, LOCK, STAGE_LOCK):
                 path_inside(root, name)
             self._claim()
             for hidden in HIDDEN:
@@ -112,7 +114,7 @@ class RunFolder:
         """Whether every file is named by a stamp or comes before any stage, but for config.yaml."""
         stamps = [Stamp.load(path) for path in (self.root / STAMPS).glob("[!.]*.json")]
         results = {name for stamp in stamps if stamp is not None for name in stamp.outputs}
-        usual = {*HIDDEN, LOCK, self.files.log.name, *results}
+        usual = {*HIDDEN, LOCK, STAGE_LOCK, self.files.log.name, *results}
         if results:
             usual.add(self.files.config.name)
         return all(path.name in usual or is_unfinished(path) for path in self.root.iterdir())
@@ -145,7 +147,7 @@ class RunFolder:
         fingerprint = self._fingerprint(name, after, inputs, code)
         self._done.add(name)
         # Of several processes that do shares of a later stage, one does this stage.
-        with self._report_errors(name), hold_lock(self.root / STAMPS, wait=True):
+        with self._report_errors(name), hold_lock(self.root, STAGE_LOCK, wait=True):
             stamp = self._valid_stamp(name, fingerprint)
             if stamp is None:
                 stamp = self._make(name, fingerprint, build)

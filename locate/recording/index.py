@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 
 FRAMES_SCHEMA = "locate.frames/1"
 
@@ -92,7 +93,7 @@ class KeyFrames:
             BadInputError: The file is missing, not JSON, or of another schema.
         """
         try:
-            content: dict[str, Any] = json.loads(path.read_text())
+            content: dict[str, Any] = parse_json(path.read_text())
             if content.pop("schema") != FRAMES_SCHEMA:
                 raise ValueError(f"expected schema {FRAMES_SCHEMA}")
             frames = tuple(KeyFrame(**frame) for frame in content.pop("frames"))

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
+from geometry.json_text import parse_json
 from geometry.removal import is_plain_name
 from locate import __version__
 from locate.map.plume import PlumeMap
@@ -192,7 +193,7 @@ class Survey(SurveyBlock):
             BadInputError: The file is missing, not JSON, or not a survey of this version.
         """
         try:
-            content = json.loads(path.read_text())
+            content = parse_json(path.read_text())
         except (OSError, ValueError) as error:
             raise BadInputError(f"{path}: not a readable survey ({error})") from error
         schema = content.pop("schema", None) if isinstance(content, dict) else None

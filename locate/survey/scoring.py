@@ -1,6 +1,5 @@
 """A survey compared with the truth of a simulated campaign."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from rich.table import Table
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
+from geometry.json_text import parse_json
 from locate.evaluation.plumes import pair_within_gate
 from locate.simulation.campaign import SCHEMA, Campaign
 from locate.survey.frame import offset_of
@@ -48,7 +48,7 @@ class CampaignTruth:
         """
         path = folder / "truth.json"
         try:
-            content = json.loads(path.read_text())
+            content = parse_json(path.read_text())
             if content["schema"] != SCHEMA:
                 raise ValueError(f"schema {content['schema']!r}, expected {SCHEMA!r}")
             return cls._from_content(content, Campaign.load(folder / "campaign.yaml"), frame)

@@ -1,7 +1,7 @@
 """Logs of PX4 autopilots (ULog, extra ``px4``)."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -18,6 +18,13 @@ from locate.telemetry.track import AltitudeDatum, TelemetryTrack
 
 KIND = "PX4 ULog"
 MAGIC = b"ULog\x01\x12\x35"
+MOST_READINGS, SPARE_BYTES = 8, 2**21
+"""How often a parser may read a log over, and what it may read of a small one; chosen. A whole log
+is read once."""
+MOST_FIELDS = 1_000_000
+"""Of all topics of a log; a real one has some ten thousand."""
+USUAL_NAME = 64
+"""Characters of a field's name; a longer one counts for several fields."""
 _FUSED, _ATTITUDE, _GIMBAL = (
     "vehicle_global_position",
     "vehicle_attitude",
@@ -37,9 +44,7 @@ def read_ulog(path: Path) -> TelemetryTrack:
     check_size(path)
     wanted = [_FUSED, *_RECEIVER, _ATTITUDE, _GIMBAL]
     with report_as_bad_input(path, KIND, extra="px4"), suppress_output(), path.open("rb") as file:
-        from pyulog import ULog
-
-        log = ULog(file, message_name_filter_list=wanted)
+        log = _parse_bounded(_RepeatLimitedFile(file, path), path, wanted)
         topics = {data.name: data.data for data in reversed(log.data_list)}
         receiver = next((topics[name] for name in _RECEIVER if name in topics), None)
         positions = topics.get(_FUSED, receiver)
@@ -53,6 +58,50 @@ def read_ulog(path: Path) -> TelemetryTrack:
             if name in topics
         ]
         return track_from_streams(path, KIND, position, *others, datum=datum)
+
+
+class _RepeatLimitedFile:
+    """A file that its parser may read a few times over, not for ever.
+
+    pyulog steps back after each message of an unknown kind; at the end of a file it never ends.
+    """
+
+    def __init__(self, file: BinaryIO, path: Path) -> None:
+        self._path = path
+        self._left = MOST_READINGS * path.stat().st_size + SPARE_BYTES
+        self._read = file.read
+        self.seek, self.tell, self.close = file.seek, file.tell, file.close
+
+    def read(self, count: int) -> bytes:
+        """Reads as the file does, until all that may be read has been."""
+        content = self._read(count)
+        self._left -= len(content)
+        if self._left < 0:
+            raise BadInputError(f"{self._path}: not a readable {KIND} file (runs in circles)")
+        return content
+
+
+def _parse_bounded(file: _RepeatLimitedFile, path: Path, wanted: list[str]) -> Any:
+    """A parsed log, whose formats may not unfold without end."""
+    from pyulog import ULog
+
+    left = MOST_FIELDS
+
+    class BoundedULog(ULog):  # type: ignore[misc]
+        class _MessageAddLogged(ULog._MessageAddLogged):  # type: ignore[misc]
+            def _parse_nested_type(
+                self, prefix_str: str, type_name: str, message_formats: dict[str, Any]
+            ) -> None:
+                nonlocal left
+                left -= sum(
+                    max(size, 1) * (1 + (len(prefix_str) + len(name)) // USUAL_NAME)
+                    for _, size, name in message_formats[type_name].fields
+                )
+                if left < 0:
+                    raise BadInputError(f"{path}: not a readable {KIND} file (too many fields)")
+                super()._parse_nested_type(prefix_str, type_name, message_formats)
+
+    return BoundedULog(file, message_name_filter_list=wanted)
 
 
 def _position_stream(data: dict[str, Any]) -> tuple[LogStream, AltitudeDatum]:

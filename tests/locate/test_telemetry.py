@@ -1,5 +1,6 @@
 """Every telemetry format against values written down here, and what a track can do."""
 
+import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -444,3 +445,34 @@ def test_altitudes_in_exif_that_are_text(tmp_path: Path, text: str, metres: floa
     assert found.altitude_m == pytest.approx([metres], nan_ok=True)
     assert found.latitude_deg == pytest.approx([-46.51])
     assert any("GPS altitude" in warning for warning in found.warnings) == np.isnan(metres)
+
+
+def ulog_of(*messages: tuple[str, bytes]) -> bytes:
+    """A ULog of the given messages: kind and body."""
+    packed = [struct.pack("<HB", len(body), ord(kind)) + body for kind, body in messages]
+    return ulog.MAGIC + b"\x01" + bytes(8) + b"".join(packed)
+
+
+UNFOLDING = ulog_of(
+    ("F", b"a:b[60000] x;"), ("F", b"b:c[60000] x;"), ("F", b"c:;"), ("A", b"\0\0\0a")
+)
+CYCLIC = ulog_of(("F", b"a:" + b"a " + b"x" * 30_000 + b";"), ("A", b"\0\0\0a"))
+LONG_NAMES = ulog_of(("F", b"a:float[65535] " + b"x" * 60_000 + b";"), ("A", b"\0\0\0a"))
+MANY = ulog_of(
+    ("F", b"a:float[60000] x;"), *(("A", struct.pack("<BH", 0, i) + b"a") for i in range(1000))
+)
+
+
+@pytest.mark.parametrize("content", [UNFOLDING, CYCLIC, LONG_NAMES, MANY])
+def test_a_ulog_that_unfolds_without_end_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.ulg").write_bytes(content)
+    with pytest.raises(BadInputError, match="too many fields"):
+        read_telemetry(tmp_path / "a.ulg")
+
+
+@pytest.mark.parametrize("size", [21, 34])
+def test_a_ulog_whose_parser_steps_back_for_ever_is_refused(tmp_path: Path, size: int) -> None:
+    cut = struct.pack("<HB", size, 0) + bytes(20)
+    (tmp_path / "a.ulg").write_bytes(ulog_of(("I", b"\x06char x123")) + cut)
+    with pytest.raises(BadInputError, match="runs in circles"):
+        read_telemetry(tmp_path / "a.ulg")
