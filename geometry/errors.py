@@ -7,6 +7,9 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 
+INTERRUPTED = "interrupted; the same command goes on from here"
+
+
 class LocateError(Exception):
     """Base of every error this project raises on purpose; its text is one line for a person."""
 

@@ -1,66 +1,54 @@
-"""The command line: every command, and how a failure ends."""
+"""The entry of the command line, and how a failure ends."""
 
-import errno
+import os
+import signal
+import sqlite3
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Any
 
-import typer
+from geometry.errors import INTERRUPTED, InterruptedRunError, LocateError, describe_error
 
-from geometry.errors import LocateError
-from locate import __version__
-from locate.commands.adapt import adapt
-from locate.commands.bos import bos
-from locate.commands.console import err, out
-from locate.commands.detect import detect
-from locate.commands.evaluate import evaluate
-from locate.commands.pattern import pattern
-from locate.commands.robot import robot
-from locate.commands.run import demo, run
-from locate.commands.simulate import simulate
-from locate.commands.survey import survey
-from locate.commands.train import train
+if TYPE_CHECKING:
+    from locate.commands.app import app
 
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
-
-app = typer.Typer(
-    help="3D maps of plumes and leaks from a video by a moving camera.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-for command in (run, demo, survey, detect, adapt, simulate, evaluate, bos, pattern, train):
-    app.command()(command)
-app.add_typer(robot)
-
-
-def _version(asked: bool) -> None:
-    if asked:
-        out.print(f"locate {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _root(
-    _: Annotated[
-        bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
-    ] = False,
-) -> None:
-    pass
+__all__ = ["app", "main"]
 
 
 def main() -> None:
     """Runs the command; every expected failure becomes one line and an exit code."""
+    _leave_at_once_when_interrupted()
+    from locate.commands.app import app
+
     try:
         app()
     except LocateError as error:
         _fail(str(error), error.exit_code)
-    except OSError as error:
-        if error.errno not in NO_SPACE:
-            raise
-        _fail(f"{error.filename or 'disk'}: no space left; free some and run again", 2)
+    except (OSError, MemoryError, sqlite3.OperationalError) as error:
+        _fail(f"{describe_error(error)}; what was finished before is kept", 2)
+
+
+def __getattr__(name: str) -> Any:
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from locate.commands.app import app
+
+    return app
+
+
+def _leave_at_once_when_interrupted() -> None:
+    """Until a command begins, which has nothing to leave in order; modules are still loading."""
+
+    def leave(*_: object) -> None:
+        os.write(sys.stderr.fileno(), f"locate: {INTERRUPTED}\n".encode())
+        os._exit(InterruptedRunError.exit_code)
+
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, leave)
+    signal.signal(signal.SIGTERM, leave)
 
 
 def _fail(message: str, code: int) -> None:
+    from locate.commands.console import err
+
     err.print(f"locate: {message}", style="bold red", soft_wrap=True, markup=False, highlight=False)
     sys.exit(code)

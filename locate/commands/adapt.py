@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from locate.commands.console import Weights, err, out
-from locate.journal.progress import interruptible, progress_bars
+from locate.journal.progress import progress_bars
 
 MOST_FRAMES = 40
 """Used of a recording; chosen."""
@@ -45,7 +45,7 @@ def adapt(
     frames = RunFiles(source).frames
     recording = open_recording(frames if frames.is_dir() else source, max_side=ANY_SIDE)
     every = max(1, -(-recording.expected_frames // MOST_FRAMES))
-    with interruptible(), progress_bars(err) as report, TemporaryDirectory() as workshop:
+    with progress_bars(err) as report, TemporaryDirectory() as workshop:
         images = FrameFiles.of(recording, Path(workshop), every=every).frames().images
         answer = teach(start, images, output, minutes=minutes, report=report)
     where = f"{answer.held_out} held-out images" if answer.held_out else "the same image"

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from locate.commands.console import Output, Weights, err, out
-from locate.journal.progress import interruptible, progress_bars
+from locate.journal.progress import progress_bars
 
 Name = Literal["dybs", "bos", "registered", "registered-plain"]
 
@@ -47,7 +47,7 @@ def detect(
     if reference is not None:
         view = read_grey(reference, open_recording(source, max_side=ANY_SIDE).stretch)
     method = make_detector(detector, weights=weights, reference=view)
-    with interruptible(), progress_bars(err) as report:
+    with progress_bars(err) as report:
         summaries = detect_frames(
             source,
             output,

@@ -7,7 +7,7 @@ import typer
 
 from locate.commands.console import Output, Verbose, Weights, err, out
 from locate.journal.log import log_to_file
-from locate.journal.progress import interruptible, progress_bars, silent
+from locate.journal.progress import progress_bars, silent
 from locate.pipeline.config import DetectorName, RunConfig
 
 
@@ -96,7 +96,7 @@ def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None
     from locate.pipeline.run import Run
 
     files = RunFiles(output)
-    with interruptible(), progress_bars(err) as report:
+    with progress_bars(err) as report:
         job = Run(config, output, force=force, report=silent if verbose else report)
         with log_to_file(files.log, console=err if verbose else None):
             plume_map = job.run()

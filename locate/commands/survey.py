@@ -7,7 +7,7 @@ import typer
 
 from locate.commands.console import Verbose, Weights, err, out
 from locate.journal.log import log_to_file
-from locate.journal.progress import interruptible, progress_bars, silent
+from locate.journal.progress import progress_bars, silent
 from locate.pipeline.config import DetectorName
 
 
@@ -79,7 +79,6 @@ def survey(
     }
     given = {name: value for name, value in asked.items() if value is not None}
     with (
-        interruptible(),
         mirror_folder(output, scheduler) as folder,
         progress_bars(err) as report,
     ):

@@ -14,7 +14,7 @@ from detect.synthesis.raster import find_photos
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
-from locate.journal.progress import interruptible, progress_bars
+from locate.journal.progress import progress_bars
 
 if TYPE_CHECKING:
     from detect.learning.config import PoolConfig, TrainConfig
@@ -47,7 +47,7 @@ def train(
     except ModuleNotFoundError as error:
         raise BadInputError("torch is missing; pip install 'plume-locate[train]'") from error
 
-    with interruptible(), progress_bars(err) as report:
+    with progress_bars(err) as report:
         render_missing(loaded, data or path.parent, report=report, processes=processes)
         measure_missing(loaded, report=report)
         render_missing_clips(loaded, report=report, processes=processes)

@@ -1,8 +1,9 @@
 """How far a command is, and what ends it early."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import TypeAlias
 
 from rich.console import Console
@@ -15,8 +16,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from geometry.errors import InterruptedRunError
+from geometry.errors import INTERRUPTED, InterruptedRunError
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 Report: TypeAlias = Callable[[str, float], None]
 """Takes the name of a stage and the share of it that is done; below 0 it has no known end."""
 
@@ -29,15 +31,42 @@ def silent(stage: str, share: float) -> None:
 def interruptible() -> Iterator[None]:
     """Turns Ctrl-C and SIGTERM into one line that states how to continue.
 
-    Enter it after pycolmap was imported, which answers SIGTERM with a stack trace of its own.
+    pycolmap answers SIGTERM with a stack trace of its own from its import on, so that comes first,
+    and signals wait for it. What a library makes of an interrupt, another error, is no matter.
+
+    Raises:
+        InterruptedRunError: In place of whatever ended the block after one of the signals.
     """
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    interrupted, loading = False, True
+
+    def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        interrupted = True
+        if not loading:
+            raise KeyboardInterrupt
+
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    heeded = [number for number in SIGNALS if before[number] is not signal.SIG_IGN]
     try:
+        _answer_with(interrupt, heeded)
+        import_module("pycolmap")
+        _answer_with(interrupt, heeded)
+        loading = False
+        if interrupted:
+            raise KeyboardInterrupt
         yield
-    except KeyboardInterrupt:
-        raise InterruptedRunError("interrupted; the same command goes on from here") from None
+    except BaseException as error:
+        if interrupted or isinstance(error, KeyboardInterrupt):
+            raise InterruptedRunError(INTERRUPTED) from None
+        raise
     finally:
-        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+
+
+def _answer_with(handler: Callable[..., None], numbers: Sequence[signal.Signals]) -> None:
+    for number in numbers:
+        signal.signal(number, handler)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
 from geometry.georeference.gravity import up_from_gimbal
-from locate.cli import app
+from locate.commands.app import app
 from locate.evaluation.truth import SceneTruth
 from locate.simulation import Campaign, Scene, simulate_campaign
 from locate.simulation.camera_paths import simulate_trajectory

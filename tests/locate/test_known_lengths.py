@@ -12,7 +12,7 @@ from geometry.errors import BadInputError
 from geometry.georeference.board import marker_board
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.cli import app
+from locate.commands.app import app
 from locate.pipeline.config import RunConfig
 from locate.pipeline.known_lengths import KnownDistance, KnownLengths, parse_board
 from locate.pipeline.placement import Placement
