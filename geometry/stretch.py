@@ -48,9 +48,9 @@ class Stretch:
     ) -> Self | None:
         """The scale of a recording, from a spread of its frames; None without any.
 
-        Frames that use their range keep it: the highest 8 of their bits. Others are stretched from
-        the 0.1 to the 99.9 per cent of all their samples; 0 and the largest value of 16 bits,
-        which often mark pixels without a value, do not count.
+        Frames that use their range, or show nothing at all, keep the highest 8 of their bits.
+        Others are stretched from the 0.1 to the 99.9 per cent of all their samples; 0 and the
+        largest value of 16 bits, which often mark pixels without a value, do not count.
 
         Args:
             images: (H, W) samples.
@@ -66,7 +66,7 @@ class Stretch:
         largest = int(np.flatnonzero(counts)[-1])
         bits = bits or max(FEWEST_BITS, 2 * -(-largest.bit_length() // 2))
         first, last = _trim_tails(counts)
-        if last - first >= WIDE * (1 << bits):
+        if last == first or last - first >= WIDE * (1 << bits):
             return cls(low=0.0, step=float(1 << (bits - 8)), frames=frames)
         span = max((last - first) * (1 + 2 * MARGIN), FINEST_STEP * GREYS)
         return cls(low=(first + last - span) / 2, step=span / GREYS, frames=frames)

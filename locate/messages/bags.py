@@ -1,12 +1,15 @@
 """Recordings of robots (ROS 2 .mcap and .db3, ROS 1 .bag), opened, and their messages by topic."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from geometry.errors import BadInputError
+from locate.messages.codec import VIDEO_ADVICE
 from locate.messages.wiring import PoseSource, Wiring
 
 if TYPE_CHECKING:
@@ -14,6 +17,12 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+VIDEOS = (
+    "foxglove_msgs/msg/CompressedVideo",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+    "theora_image_transport/msg/Packet",
+)
+"""Topics of coded video, whose messages are no images by themselves."""
 INFO = "sensor_msgs/msg/CameraInfo"
 TF = "tf2_msgs/msg/TFMessage"
 OLD_TF = "tf/msg/tfMessage"
@@ -108,9 +117,16 @@ class BagTopics:
             return wanted
         if wanted is None and len(fitting) == 1:
             return fitting[0]
+        if kinds == IMAGES:
+            self._refuse_coded_video(wanted, fitting)
         what = "holds no such topic" if not fitting else f"choose one of {', '.join(fitting)}"
         asked = "" if wanted is None else f" {wanted}"
         raise BadInputError(f"{self._path}: {option}{asked}: {what}")
+
+    def _refuse_coded_video(self, wanted: str | None, fitting: list[str]) -> None:
+        coded = self._topics_of(VIDEOS)
+        if wanted in coded or (coded and not fitting):
+            raise BadInputError(f"{self._path}: {wanted or coded[0]}: {VIDEO_ADVICE}")
 
     def _choose_optional(
         self, wanted: str | None, kinds: tuple[str, ...], option: str
@@ -140,8 +156,8 @@ class BagTopics:
 
     def read_messages(
         self, topics: Collection[str], refuse: Callable[[str, BadInputError], object]
-    ) -> Iterator[tuple[str, float, Any]]:
-        """Topic, share of the bag played, and message, in order.
+    ) -> Iterator[tuple[str, int, Any]]:
+        """Topic, time of recording (ns), and message, in order.
 
         Args:
             topics: Which.
@@ -152,19 +168,40 @@ class BagTopics:
         chosen = [c for c in self._reader.connections if c.topic in topics]
         if not chosen:
             return
-        start_ns, length_ns = self._reader.start_time, max(self._reader.duration, 1)
         for connection, time_ns, data in self._read_stored(chosen):
             try:
                 message = self._reader.deserialize(data, connection.msgtype)
             except AnyReaderError as error:
                 refuse("message", BadInputError(f"{connection.topic}: {error}"))
                 continue
-            yield connection.topic, (time_ns - start_ns) / length_ns, message
+            yield connection.topic, time_ns, message
+
+    def sample_messages(self, topic: str, count: int) -> Iterator[Any]:
+        """So many messages of a topic, at times spread over the bag; what is damaged is left out.
+
+        Args:
+            topic: Which.
+            count: At most so many.
+        """
+        from rosbags.highlevel import AnyReaderError
+
+        chosen = [c for c in self._reader.connections if c.topic == topic]
+        start_ns, length_ns = self._reader.start_time, self._reader.duration
+        starts = [start_ns + int(share * length_ns) for share in np.linspace(0, 1, count + 1)[:-1]]
+        for start in starts if chosen else ():
+            for connection, _, data in self._read_stored(chosen, start):
+                with suppress(AnyReaderError):
+                    yield self._reader.deserialize(data, connection.msgtype)
+                break
+
+    def share_played(self, time_ns: int) -> float:
+        """Which share of the bag has been read at a time of recording."""
+        return (time_ns - self._reader.start_time) / max(self._reader.duration, 1)
 
     def _read_stored(
-        self, chosen: Sequence["Connection"]
+        self, chosen: Sequence["Connection"], start_ns: int | None = None
     ) -> Iterator[tuple["Connection", int, bytes]]:
         try:
-            yield from self._reader.messages(connections=chosen)
+            yield from self._reader.messages(connections=chosen, start=start_ns)
         except Exception as error:  # as in `open_bag`
             raise BadInputError(f"{self._path}: damaged ({error})") from error

@@ -6,16 +6,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.camera_info import camera_from_info, is_calibrated
-from locate.messages.codec import GreyReader, read_stamp_ns
 from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose, trajectory_from_poses
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
+from locate.recording.bag_images import BagImages
 
 WAITING_NS = 10 * NS_PER_S
 """Images wait this long for a pose (chosen)."""
@@ -44,12 +43,10 @@ class BagRecording:
         Raises:
             BadInputError: It is no bag, or holds no images that can be read.
         """
-        first = next(self._read_images([]), None)
-        if first is None:
-            raise BadInputError(f"{self.path}: not one image of this bag can be read")
-        height, width = first[2].shape
+        first, stretch = self._images.read_first(), self._images.stretch
+        height, width = first.shape
         factor = min(1.0, max_side / max(height, width))
-        warnings: list[str] = []
+        warnings = [f"{self.path.name}: {stretch.note}"] if stretch is not None else []
         return Recording(
             path=self.path,
             photos=(),
@@ -58,8 +55,9 @@ class BagRecording:
             source_width=width,
             source_height=height,
             focal=None,
+            stretch=stretch,
             warnings=warnings,
-            read=lambda: self._read_images(warnings),
+            read=lambda: self._images.read(warnings),
         )
 
     @cached_property
@@ -100,7 +98,7 @@ class BagRecording:
                 return None
             if camera is None:
                 raise BadInputError(f"{self.path}: holds poses and no camera_info; give --camera")
-            search = _PoseSearch(topics.with_pose_source(self.wiring))
+            search = _PoseSearch(topics.with_pose_source(self.wiring), self._images)
             found = {pose.stamp_ns: pose for pose in search.find_poses(topics)}
         if not found:
             why = search.refusal or f"TF does not lead from the images to {self.wiring.world_frame}"
@@ -118,28 +116,17 @@ class BagRecording:
         with open_bag(self.path) as reader:
             return BagTopics(reader, self.path, self.topics, whole=False).pose is not None
 
-    def _read_images(self, warnings: list[str]) -> Iterator[tuple[float, str, GreyImage]]:
-        """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""
-        grey = GreyReader()
-        start_ns: int | None = None
-        with open_bag(self.path) as reader:
-            topics = BagTopics(reader, self.path, self.topics, whole=False)
-            for _, _, message in topics.read_messages([topics.image], _skip_message):
-                try:
-                    image, stamp = grey.read(message), read_stamp_ns(message.header)
-                except BadInputError as error:
-                    if not warnings:
-                        warnings.append(f"{self.path.name}: not every image can be read ({error})")
-                    continue
-                start_ns = stamp if start_ns is None else start_ns
-                yield (stamp - start_ns) / NS_PER_S, str(stamp), image
+    @cached_property
+    def _images(self) -> BagImages:
+        return BagImages(self.path, self.topics)
 
 
 class _PoseSearch:
     """Finds the poses of images while a bag is played."""
 
-    def __init__(self, wiring: Wiring) -> None:
+    def __init__(self, wiring: Wiring, images: BagImages) -> None:
         self.refusal = ""
+        self._images = images
         self._pose_resolver = PoseResolver(wiring)
         self._poses = PoseBuffer()
         self._by_tf = wiring.pose_source == "tf"
@@ -152,14 +139,14 @@ class _PoseSearch:
         ):
             self._pose_resolver.tree.add(message.transforms, static=transforms[topic])
         poses = [] if self._by_tf or topics.pose is None else [topics.pose]
-        for topic, _, message in topics.read_messages(
+        for topic, time_ns, message in topics.read_messages(
             [topics.image, *transforms, *poses], _skip_message
         ):
             if topic == topics.image:
                 self._pose_resolver.camera_frame = (
                     self._pose_resolver.camera_frame or message.header.frame_id
                 )
-                self._waiting.append(read_stamp_ns(message.header))
+                self._waiting.append(self._images.stamp_ns(message, time_ns))
             elif topic in transforms:
                 self._pose_resolver.tree.add(message.transforms, static=transforms[topic])
             else:

@@ -76,9 +76,9 @@ def _feed_messages(
     handlers |= {topics.image: adapter.add_image, topics.info: adapter.add_camera_info}
     if topics.pose not in (None, "tf"):
         handlers[topics.pose] = adapter.add_body_pose
-    for topic, share, message in topics.read_messages(handlers, adapter.count_refusal):
+    for topic, time_ns, message in topics.read_messages(handlers, adapter.count_refusal):
         handlers[topic](message)
-        report("bag", share)
+        report("bag", topics.share_played(time_ns))
         if adapter.locator is not None:
             yield from adapter.locator.updates()
     report("bag", 1.0)

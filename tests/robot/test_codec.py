@@ -75,6 +75,18 @@ def test_depth_never_flickers() -> None:
     np.testing.assert_array_equal(dark, DEEP // 8 >> 4)
 
 
+def test_live_thermal_images_keep_their_levels() -> None:
+    reader = GreyReader()
+    thermal = (29000 + DEEP // 4).astype(np.uint16)
+    plain = reader.read(image(np.full_like(thermal, 29000), "16UC1"))
+    assert np.ptp(plain) == 0
+    first, warmer = reader.read(image(thermal, "16UC1")), reader.read(image(thermal + 20, "16UC1"))
+    assert len(np.unique(first)) > 40
+    assert 0 < np.median(warmer.astype(int) - first) < 10
+    hot = reader.read(image(thermal + 2000, "16UC1"))
+    assert len(np.unique(hot)) > 20
+
+
 @pytest.mark.parametrize("kind", [bytes, bytearray, list, lambda b: array.array("B", b)])
 def test_data_may_be_of_any_kind(kind: object) -> None:
     message = image(GREY, "mono8")
