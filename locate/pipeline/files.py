@@ -50,6 +50,11 @@ class RunFiles:
         return self.sfm / "points.npz"
 
     @property
+    def pose_notes(self) -> Path:
+        """What the images leave open of given poses, where they do; a list in JSON."""
+        return self.sfm / "notes.json"
+
+    @property
     def placement(self) -> Path:
         """What took the reconstruction to the world of the map."""
         return self.root / "placement.json"

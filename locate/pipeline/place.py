@@ -21,7 +21,7 @@ from locate.pipeline.known_lengths import KnownLengths
 from locate.pipeline.place_by_track import place_by_track
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points, save_points
-from locate.pipeline.poses import names_of
+from locate.pipeline.poses import load_pose_notes, names_of
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.telemetry import (
@@ -63,7 +63,8 @@ def place_run(
         points_in_world=points,
         lengths=lengths.constrain_scale(trajectory, files.frames, names),
     )
-    placement = replace(placement, notes=(*placement.notes, *lengths.describe_unused(names)))
+    notes = (*placement.notes, *load_pose_notes(files), *lengths.describe_unused(names))
+    placement = replace(placement, notes=notes)
     placement.save(target.placement)
     placement.apply(trajectory).save(target.trajectory)
     if points is not None:

@@ -1,6 +1,7 @@
 """The stage that registers: a pose for every key frame, reconstructed or given."""
 
 import errno
+import json
 import shutil
 from pathlib import Path
 
@@ -9,11 +10,13 @@ from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from geometry.removal import remove_inside
 from geometry.sfm import reconstruct
+from geometry.sfm.given_poses import check_given_poses
 from geometry.trajectory import Trajectory
 from locate.journal.progress import Report
 from locate.pipeline.files import RunFiles
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
+from locate.recording.images import FrameImages
 from locate.recording.posed_frames import PosedFrames
 
 GUESSED_FOCAL = 1.2
@@ -63,11 +66,20 @@ def reconstruct_poses(
     return f"{len(result.trajectory)} of {len(key_frames)} frames, {result.report['method']}"
 
 
-def adopt_poses(given: NamedPoses, key_frames: KeyFrames, target: RunFiles) -> str:
-    """Matches given poses to the key frames; returns a summary.
+def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, target: RunFiles) -> str:
+    """Matches given poses to the key frames and holds them against the images.
+
+    Args:
+        given: The poses.
+        key_frames: The frames.
+        files: Where their images are.
+        target: Where to write.
+
+    Returns:
+        A summary.
 
     Raises:
-        BadInputError: Too few frames have one.
+        BadInputError: Too few frames have one, or the images contradict them.
     """
     trajectory, _ = given.match_to_frames(
         [frame.source for frame in key_frames.frames],
@@ -75,9 +87,23 @@ def adopt_poses(given: NamedPoses, key_frames: KeyFrames, target: RunFiles) -> s
         key_frames.times_s,
         size=(key_frames.width, key_frames.height),
     )
+    images = FrameImages([files.frames / name for name in names_of(trajectory, key_frames)])
+    try:
+        notes = check_given_poses(trajectory, images)
+    except BadInputError as error:
+        raise BadInputError(f"{given.path}: {error}") from error
     target.sfm.mkdir(exist_ok=True)
     trajectory.save(target.sfm_trajectory)
+    if notes:
+        target.pose_notes.write_text(json.dumps(notes, indent=1))
     return f"{len(trajectory)} of {len(key_frames)} frames, given"
+
+
+def load_pose_notes(files: RunFiles) -> tuple[str, ...]:
+    """What the images left open of given poses."""
+    if not files.pose_notes.exists():
+        return ()
+    return tuple(json.loads(files.pose_notes.read_text()))
 
 
 def frames_with_poses(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:

@@ -144,7 +144,7 @@ class Run:
         def build(folder: Path) -> str:
             given, target = self.source.given_poses(key_frames), RunFiles(folder)
             if given is not None:
-                return poses.adopt_poses(given, key_frames, target)
+                return poses.adopt_poses(given, key_frames, self.files, target)
             return poses.reconstruct_poses(
                 self.source, key_frames, self.files, target, self._report
             )
