@@ -25,6 +25,7 @@ from locate.pipeline.poses import load_pose_notes, names_of
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.telemetry import (
+    RefusedPositionsError,
     read_telemetry,
 )
 
@@ -115,12 +116,15 @@ def place_reconstruction(
     for path in telemetry:
         try:
             track = read_telemetry(path)
-        except BadInputError:
+        except BadInputError as error:
             if asked:
                 raise
+            if isinstance(error, RefusedPositionsError):
+                notes = (*notes, f"Telemetry left out: {error}.")
             continue
         try:
-            return place_by_track(trajectory, frames, track, ground)
+            placement = place_by_track(trajectory, frames, track, ground)
+            return replace(placement, notes=(*notes, *placement.notes))
         except BadInputError as error:
             if asked:
                 raise

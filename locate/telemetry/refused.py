@@ -13,6 +13,10 @@ _SHOWN = 40
 """Characters of a refused text that are shown."""
 
 
+class RefusedPositionsError(BadInputError):
+    """A file of positions, none of which has a known form."""
+
+
 @dataclass(frozen=True)
 class RefusedText:
     """A cell or tuple of no known form.
@@ -49,13 +53,13 @@ def raise_if_all_refused(
         refused: What was refused of it.
 
     Raises:
-        BadInputError: There is no position, and some were refused; it names the first.
+        RefusedPositionsError: There is no position, and some were refused; it names the first.
     """
     known = np.isfinite(values.get("latitude_deg", np.nan))
     first = next((entry for entry in refused if entry.is_position), None)
     if first is not None and not known.any():
         advice = "; write decimal degrees such as -33.8688, or 33 52 7.7 S" if first.line else ""
-        raise BadInputError(f"{path}, {first}{advice}")
+        raise RefusedPositionsError(f"{path}, {first}{advice}")
 
 
 def summarize_refused(path: Path, refused: Sequence[RefusedText]) -> tuple[str, ...]:

@@ -98,6 +98,17 @@ def test_what_was_found_and_cannot_be_used_is_noted(flight: Trajectory, tmp_path
         place_reconstruction(source, frames, [telemetry], asked=True)
 
 
+def test_positions_of_no_known_form_are_noted(flight: Trajectory, tmp_path: Path) -> None:
+    source, frames = reconstructed(flight), frames_of(flight, video=False)
+    refused = tmp_path / "refused.csv"
+    refused.write_text("filename,latitude,longitude\nP000.JPG,4807.038,1131.000\n")
+    telemetry = write_csv(tmp_path / "gps.csv", flight)
+    for files in ([refused], [refused, telemetry]):
+        placement = place_reconstruction(source, frames, files)
+        assert placement.notes[0].startswith(f"Telemetry left out: {refused}, line 2: ")
+        assert (placement.georeference is None) == (len(files) == 1)
+
+
 def test_a_known_camera_height_sets_the_scale(flight: Trajectory) -> None:
     rng = np.random.default_rng(1)
     ground = np.c_[rng.uniform(-60, 60, (400, 2)), rng.normal(0, 0.02, 400)]
