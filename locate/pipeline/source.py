@@ -59,7 +59,7 @@ class RecordingSource:
         """
         if self.bag is not None:
             return self.bag.open_recording(max_side=max_side)
-        return open_recording(self.config.recording, max_side=max_side)
+        return open_recording(self.config.recording, max_side=max_side, one_camera=True)
 
     def known_camera(self, key_frames: KeyFrames) -> Camera | None:
         """The camera of the key frames, where the user or the bag gave one."""

@@ -15,6 +15,8 @@ EXIF_IFD, FOCAL_MM, PIXELS_X, PIXELS_Y = 0x8769, 0x920A, 0xA002, 0xA003
 PLANE_X_RESOLUTION, PLANE_UNIT, FOCAL_35MM = 0xA20E, 0xA210, 0xA405
 UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """Length units of EXIF, by code."""
+TEXT = 2
+"""Type of a text."""
 _TYPES = {1: "B", 3: "H", 4: "I", 5: "II", 9: "i", 10: "ii"}
 """Number types of EXIF, by code, as `struct` names them."""
 _VIDEO_KEY = re.compile(r"focal.?length.*35", re.IGNORECASE)
@@ -42,7 +44,7 @@ def focal_of_photo(path: Path) -> FocalPrior | None:
     """
     with path.open("rb") as file:
         header = file.read(HEADER_BYTES)
-    tags = _exif_tags(header)
+    tags = exif_tags(header)
     side = max(tags.get(PIXELS_X, 0.0), tags.get(PIXELS_Y, 0.0))
     calibrated = _DJI_CALIBRATED.search(header)
     if calibrated and side > 0:
@@ -85,11 +87,9 @@ def _from_camera_database(path: Path) -> FocalPrior | None:
     return _plausible_prior(float(focal_px) / side, "EXIF FocalLength and sensor database")
 
 
-def _exif_tags(header: bytes) -> dict[int, float]:
+def exif_tags(header: bytes) -> dict[int, float]:
     """Numeric tags of the main and the EXIF directory (EXIF 2.32, section 4.6.2)."""
-    start = header.find(b"Exif\0\0")
-    tiff = header[start + 6 :] if start >= 0 else header
-    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
+    tiff, order = _tiff_part(header)
     if order is None:
         return {}
     try:
@@ -100,6 +100,44 @@ def _exif_tags(header: bytes) -> dict[int, float]:
     except struct.error:
         return {}
     return tags
+
+
+def exif_texts(header: bytes) -> dict[int, str]:
+    """Texts of the same directories."""
+    tiff, order = _tiff_part(header)
+    if order is None:
+        return {}
+    try:
+        (offset,) = struct.unpack_from(order + "I", tiff, 4)
+        texts = _read_texts(tiff, order, offset)
+        inner = _read_directory(tiff, order, offset).get(EXIF_IFD)
+        if inner is not None:
+            texts |= _read_texts(tiff, order, int(inner))
+    except struct.error:
+        return {}
+    return texts
+
+
+def _tiff_part(header: bytes) -> tuple[bytes, str | None]:
+    """Where the directories are, and their byte order; None without any."""
+    start = header.find(b"Exif\0\0")
+    tiff = header[start + 6 :] if start >= 0 else header
+    return tiff, {b"II": "<", b"MM": ">"}.get(tiff[:2])
+
+
+def _read_texts(tiff: bytes, order: str, offset: int) -> dict[int, str]:
+    (count,) = struct.unpack_from(order + "H", tiff, offset)
+    texts = {}
+    for i in range(count):
+        entry = offset + 2 + 12 * i
+        tag, kind, n = struct.unpack_from(order + "HHI", tiff, entry)
+        if kind == TEXT:
+            position = entry + 8
+            if n > 4:  # longer values stand elsewhere
+                (position,) = struct.unpack_from(order + "I", tiff, position)
+            content = tiff[position : position + n].split(b"\0")[0]
+            texts[tag] = content.decode("latin-1").strip()
+    return texts
 
 
 def _read_directory(tiff: bytes, order: str, offset: int) -> dict[int, float]:

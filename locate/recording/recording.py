@@ -15,6 +15,7 @@ from locate.recording.depth import stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
 from locate.recording.formats import PHOTO_SUFFIXES, READ, REFUSED_SUFFIXES, refusal_of
 from locate.recording.images import read_samples, show_in_grey
+from locate.recording.photo_groups import keep_one_camera
 from locate.recording.video import NamedImage, first_video_image, read_video_header, video_images
 
 DEFAULT_MAX_SIDE = 1280
@@ -48,6 +49,7 @@ class Recording:
         expected_frames: What its header or the folder promises; 0 where nothing does.
         stretch: How samples of more than 8 bits are shown in 8; None where they need no stretch.
         warnings: Filled while reading: what is wrong without making the recording useless.
+        photo_indices: Of each photo among all that were given; empty where all are used.
         read: Yields time, name and image of each frame, for what is neither a video file nor
             photos.
     """
@@ -62,6 +64,7 @@ class Recording:
     expected_frames: int = 0
     stretch: Stretch | None = None
     warnings: list[str] = field(default_factory=list)
+    photo_indices: tuple[int, ...] = ()
     read: Callable[[], Iterator[NamedImage]] | None = None
 
     @property
@@ -87,7 +90,13 @@ class Recording:
                     f"the first is {self.source_width}x{self.source_height}; "
                     "give frames of one camera and one size"
                 )
-            yield Frame(index=index, time_s=time_s, source=name, image=self._at_working_size(image))
+            place = self.photo_indices[index] if self.photo_indices else index
+            yield Frame(
+                index=place,
+                time_s=float(place) if self.photo_indices else time_s,
+                source=name,
+                image=self._at_working_size(image),
+            )
 
     def _source_images(self) -> Iterator[NamedImage]:
         if self.read is not None:
@@ -107,12 +116,16 @@ class Recording:
         )
 
 
-def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording:
+def open_recording(
+    path: Path, *, max_side: int = DEFAULT_MAX_SIDE, one_camera: bool = False
+) -> Recording:
     """Opens a video, a folder of photos or a photo.
 
     Args:
         path: A video file, or a photo (`PHOTO_SUFFIXES`), or a folder of photos.
         max_side: Longer images are reduced to this many px on the longest side.
+        one_camera: Of photos by several lenses, zooms or of several sizes, take the largest group;
+            a warning says so.
 
     Raises:
         BadInputError: Nothing there that can be read, or fewer than one frame.
@@ -120,8 +133,12 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
     is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES | REFUSED_SUFFIXES
+    photo_indices: tuple[int, ...] = ()
+    warnings: list[str] = []
     if path.is_dir() or is_photo:
         photos = (path,) if is_photo else _list_photos(path)
+        if one_camera:
+            photos, photo_indices, warnings = _photos_of_one_camera(photos)
         _, _, first = next(_photo_images(photos[:1], [], None))
         focal = focal_of_photo(photos[0])
         stretch = stretch_of_photos(photos)
@@ -144,8 +161,19 @@ def open_recording(path: Path, *, max_side: int = DEFAULT_MAX_SIDE) -> Recording
         focal=focal,
         expected_frames=expected_frames,
         stretch=stretch,
-        warnings=[] if stretch is None else [f"{path.name}: {stretch.note}"],
+        photo_indices=photo_indices,
+        warnings=warnings if stretch is None else [*warnings, f"{path.name}: {stretch.note}"],
     )
+
+
+def _photos_of_one_camera(
+    photos: tuple[Path, ...],
+) -> tuple[tuple[Path, ...], tuple[int, ...], list[str]]:
+    """Those that are used, their rows among all, and what to say of the others."""
+    rows, note = keep_one_camera(photos)
+    if note is None:
+        return photos, (), []
+    return tuple(photos[row] for row in rows), tuple(rows), [note]
 
 
 def natural_key(path: Path) -> list[tuple[int, str]]:

@@ -13,6 +13,7 @@ import pytest
 from geometry.errors import BadInputError
 from locate.recording import KeyFrames, open_recording, select_frames
 from locate.recording.focal import focal_of_photo, focal_of_video
+from locate.recording.photo_groups import optics_of_photo
 
 WIDTH, HEIGHT, RATE = 320, 240, 20
 
@@ -358,14 +359,17 @@ def test_whole_video_has_no_warning(tmp_path: Path) -> None:
     assert kept.warnings == ()
 
 
-def exif(tags: dict[int, tuple[str, float]]) -> bytes:
-    """An APP1 segment with one directory; 'H' and 'I' stand in the entry, 'R' behind."""
+def exif(tags: dict[int, tuple[str, float | str]]) -> bytes:
+    """An APP1 segment with one directory; 'H' stands in the entry, 'R' and 'A' (text) behind."""
     entries, tail = b"", b""
     start = 8 + 2 + 12 * len(tags) + 4
     for tag, (kind, value) in sorted(tags.items()):
         if kind == "R":
             entries += struct.pack("<HHII", tag, 5, 1, start + len(tail))
             tail += struct.pack("<II", round(value * 1000), 1000)
+        elif kind == "A":
+            entries += struct.pack("<HHII", tag, 2, len(value) + 1, start + len(tail))
+            tail += value.encode() + b"\0"
         else:
             entries += struct.pack("<HHI", tag, 3, 1) + struct.pack("<HH", int(value), 0)
     body = b"II*\0" + struct.pack("<I", 8) + struct.pack("<H", len(tags)) + entries
@@ -419,3 +423,77 @@ def test_focal_priors_of_real_cameras(shared_data: Path) -> None:
     assert brighton is not None
     assert caliterra.relative == pytest.approx(0.726, abs=0.01)
     assert brighton.relative == pytest.approx(20 / 36, abs=0.01)
+
+
+WIDE: dict[int, tuple[str, float | str]] = {0x920A: ("R", 5.0), 0xA405: ("H", 32)}
+LENS_A, LENS_B = "10-24mm F4", "16mm F2.8"
+OTHERS: dict[str, dict[int, tuple[str, float | str]]] = {
+    "zoom": {0x920A: ("R", 7.5), 0xA405: ("H", 47)},
+    "digital zoom": WIDE | {0xA404: ("R", 1.5)},
+    "no focal length": {},
+    "camera": WIDE | {0x0110: ("A", "Another")},
+    "lens": WIDE | {0xA434: ("A", LENS_B)},
+}
+
+
+def write_tagged(
+    folder: Path,
+    groups: list[tuple[int, dict[int, tuple[str, float | str]]]],
+    shape: tuple[int, int] = (HEIGHT, WIDTH),
+) -> Path:
+    """JPEG photos, so many of each group one after the other."""
+    folder.mkdir(exist_ok=True)
+    tags = [tags for count, tags in groups for _ in range(count)]
+    start = len(list(folder.iterdir()))
+    images = pan([6.0 * i for i in range(len(tags))])
+    for i, (each, image) in enumerate(zip(tags, images, strict=True), start=start):
+        jpeg = cv2.imencode(".jpg", image[: shape[0], : shape[1]])[1].tobytes()
+        (folder / f"img{i:02d}.jpg").write_bytes(jpeg[:2] + exif(each) + jpeg[2:])
+    return folder
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_a_run_takes_the_largest_group_of_photos(tmp_path: Path, other: str) -> None:
+    common = WIDE | {0xA434: ("A", LENS_A)} if other == "lens" else WIDE
+    folder = write_tagged(tmp_path / "photos", [(4, OTHERS[other]), (6, common)])
+    recording = open_recording(folder, one_camera=True)
+    kept = select_frames(recording, tmp_path / "frames")
+    assert kept.indices.tolist() == [4, 5, 6, 7, 8, 9]
+    assert kept.frames[0].source == "img04.jpg"
+    assert kept.focal_prior_px == pytest.approx(32 / 36 * WIDTH)
+    (note,) = kept.warnings
+    assert "of 2 cameras, lenses, zooms or sizes" in note
+    assert "4 of 10 photos are left out" in note
+
+
+def test_photos_of_a_second_size_are_left_out_and_counted(tmp_path: Path) -> None:
+    folder = write_tagged(tmp_path / "photos", [(2, WIDE)], shape=(180, WIDTH))
+    write_tagged(folder, [(5, WIDE)])
+    recording = open_recording(folder, one_camera=True)
+    kept = select_frames(recording, tmp_path / "frames")
+    assert (kept.width, kept.height) == (WIDTH, HEIGHT)
+    assert len(kept) == 5
+    assert "2 of 320x180" in kept.warnings[0]
+
+
+def test_photos_of_one_zoom_are_all_used(tmp_path: Path) -> None:
+    nearly = {0x920A: ("R", 5.03), 0xA405: ("H", 32)}
+    folder = write_tagged(tmp_path / "photos", [(3, WIDE), (3, nearly)])
+    recording = open_recording(folder, one_camera=True)
+    kept = select_frames(recording, tmp_path / "frames")
+    assert len(kept) == 6
+    assert kept.warnings == ()
+
+
+def test_turned_photos_have_the_size_they_are_shown_with(tmp_path: Path) -> None:
+    folder = write_tagged(tmp_path / "photos", [(3, WIDE | {0x0112: ("H", 6)})])
+    recording = open_recording(folder, one_camera=True)
+    assert (recording.source_width, recording.source_height) == (HEIGHT, WIDTH)
+    assert optics_of_photo(recording.photos[0]).size == (HEIGHT, WIDTH)
+
+
+def test_a_broken_photo_among_groups_is_named(tmp_path: Path) -> None:
+    folder = write_tagged(tmp_path / "photos", [(2, OTHERS["zoom"]), (3, WIDE)])
+    (folder / "img99.jpg").write_bytes(b"nothing of the kind")
+    with pytest.raises(BadInputError, match=r"img99\.jpg: not a readable image"):
+        select_frames(open_recording(folder, one_camera=True), tmp_path / "frames")

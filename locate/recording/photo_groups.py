@@ -1,0 +1,147 @@
+"""Photos of several lenses, zooms or sizes in one folder: a run has one camera."""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from locate.recording.focal import (
+    FOCAL_35MM,
+    FOCAL_MM,
+    HEADER_BYTES,
+    exif_tags,
+    exif_texts,
+    focal_of_photo,
+)
+
+SAME_FOCAL = 0.01
+"""Relative difference of focal lengths up to which photos are of one zoom."""
+ORIENTATION, DIGITAL_ZOOM = 0x0112, 0xA404
+MODEL, LENS = 0x0110, 0xA434
+"""Tags of EXIF that tell cameras and lenses apart."""
+TURNED = (5, 6, 7, 8)
+"""Values of the orientation that swap the sides."""
+JPEG_START, JPEG_SIZES = b"\xff\xd8", {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+"""How a JPEG file begins, and which of its segments state the size (ITU T.81, table B.1)."""
+NAMED_GROUPS = 4
+"""Most groups that the note describes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotoOptics:
+    """What a photo says of the camera that took it.
+
+    Attributes:
+        size: Width and height as shown, px; None where the photo cannot be read.
+        names: Of the camera and of the lens, empty where not stated.
+        focals: Focal length over the longest side, in mm, in mm of 35 mm film, and the digital
+            zoom; 0 where not stated.
+    """
+
+    size: tuple[int, int] | None
+    names: tuple[str, str]
+    focals: tuple[float, float, float, float]
+
+    def is_like(self, other: "PhotoOptics") -> bool:
+        """Whether one camera model may stand for both."""
+        near = np.isclose(self.focals, other.focals, rtol=SAME_FOCAL, atol=0)
+        return self.size == other.size and self.names == other.names and bool(near.all())
+
+    def describe(self) -> str:
+        """Its size and focal length, for people."""
+        _, mm, mm_35, _ = self.focals
+        width, height = self.size or (0, 0)
+        focal = f"{mm_35:.4g} mm (35 mm film)" if mm_35 else f"{mm:.4g} mm" if mm else ""
+        parts = (f"{width}x{height}", focal or "no focal length stated", *self.names)
+        return " ".join(part for part in parts if part)
+
+
+def optics_of_photo(path: Path) -> PhotoOptics:
+    """Reads the header of a photo, and all of it where that does not state its size."""
+    try:
+        with path.open("rb") as file:
+            header = file.read(HEADER_BYTES)
+        tags, texts, prior = exif_tags(header), exif_texts(header), focal_of_photo(path)
+        size = _jpeg_size(header, turned=tags.get(ORIENTATION) in TURNED) or _decoded_size(path)
+    except OSError:
+        return PhotoOptics(size=None, names=("", ""), focals=(0, 0, 0, 0))
+    stated = [0.0 if prior is None else prior.relative]
+    stated += [tags.get(tag, 0.0) for tag in (FOCAL_MM, FOCAL_35MM)]
+    zoom = tags.get(DIGITAL_ZOOM, 0.0) or 1.0  # 0 says that none was used
+    return PhotoOptics(
+        size=size,
+        names=(texts.get(MODEL, ""), texts.get(LENS, "")),
+        focals=(stated[0], stated[1], stated[2], zoom),
+    )
+
+
+def keep_one_camera(photos: Sequence[Path]) -> tuple[list[int], str | None]:
+    """The rows of the largest group of photos that one camera model may stand for, and a note.
+
+    Photos that cannot be read stay, so that reading them says what is wrong.
+
+    Args:
+        photos: All that were given, in order.
+
+    Returns:
+        The rows that are kept, and what a reader must know of the others; None where there are
+        none.
+    """
+    every = [optics_of_photo(photo) for photo in photos]
+    groups: list[list[int]] = []
+    for row, optics in enumerate(every):
+        if optics.size is None:
+            continue
+        group = next((each for each in groups if every[each[0]].is_like(optics)), None)
+        if group is None:
+            groups.append([row])
+        else:
+            group.append(row)
+    if len(groups) < 2:
+        return list(range(len(photos))), None
+    groups.sort(key=len, reverse=True)
+    unreadable = [row for row, optics in enumerate(every) if optics.size is None]
+    return sorted(groups[0] + unreadable), _describe_groups(photos, every, groups)
+
+
+def _describe_groups(
+    photos: Sequence[Path], every: list[PhotoOptics], groups: list[list[int]]
+) -> str:
+    others = sum(len(group) for group in groups[1:])
+    listed = "; ".join(
+        f"{len(group)} of {every[group[0]].describe()} ({photos[group[0]].name} ...)"
+        for group in groups[:NAMED_GROUPS]
+    )
+    more = len(groups) - NAMED_GROUPS
+    return (
+        f"The photos are of {len(groups)} cameras, lenses, zooms or sizes: {listed}"
+        + (f"; and {more} more groups" if more > 0 else "")
+        + f". A run has one camera: the largest group is used and {others} of {len(photos)} photos "
+        "are left out; run each other group from a folder of its own."
+    )
+
+
+def _jpeg_size(header: bytes, *, turned: bool) -> tuple[int, int] | None:
+    """Width and height as shown; None where the header holds no size of a JPEG."""
+    at = len(JPEG_START)
+    if header[:at] != JPEG_START:
+        return None
+    while at + 9 <= len(header) and header[at] == 0xFF:
+        marker, length = header[at + 1], struct.unpack_from(">H", header, at + 2)[0]
+        if marker in JPEG_SIZES:
+            height, width = struct.unpack_from(">HH", header, at + 5)
+            return (height, width) if turned else (width, height)
+        at += 2 + length
+    return None
+
+
+def _decoded_size(path: Path) -> tuple[int, int] | None:
+    content = np.fromfile(path, dtype=np.uint8)
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
+    except cv2.error:
+        image = None
+    return None if image is None else (image.shape[1], image.shape[0])
