@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationErr
 
 from detect.learning.clips import Leaks
 from geometry.errors import BadInputError, first_complaint
+from geometry.yaml_text import parse_yaml
 
 Range = tuple[float, float]
 
@@ -232,9 +233,9 @@ class TrainConfig(_TrainingSettings):
             BadInputError: It cannot be read, or a setting is unknown, missing or out of range.
         """
         try:
-            content = yaml.safe_load(path.read_text())
+            content = parse_yaml(path.read_text())
             config = cls.model_validate(content)
-        except (OSError, yaml.YAMLError) as error:
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             line = str(error).splitlines()[0]
             raise BadInputError(f"{path}: not a readable training config ({line})") from error
         except ValidationError as error:

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from detect.synthesis.patterns import PatternRanges
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError, first_complaint
+from geometry.yaml_text import parse_yaml
 
 Family = Literal["sinusoid", "checkerboard", "lines", "perlin", "squares", "scene", "photo"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
@@ -123,8 +124,8 @@ class Recipe(BaseModel):
             BadInputError: It cannot be read, or is not a recipe.
         """
         try:
-            content = yaml.safe_load(path.read_text())
-        except (OSError, yaml.YAMLError) as error:
+            content = parse_yaml(path.read_text())
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             line = str(error).splitlines()[0]
             raise BadInputError(f"{path}: not a readable recipe ({line})") from error
         if isinstance(content, dict):

@@ -16,6 +16,7 @@ from geometry.atomic import is_unfinished, remove_unfinished, write_text_atomic
 from geometry.errors import BadInputError, describe_error
 from geometry.lock import LOCK, hold_lock
 from geometry.removal import path_inside, remove_inside
+from geometry.yaml_text import parse_yaml
 from locate import __version__
 from locate.journal.costs import StageTime, cpu_seconds
 from locate.pipeline.files import RunFiles
@@ -105,8 +106,8 @@ class RunFolder:
     def _read_schema(self) -> object:
         """Of config.yaml; None where that is missing or damaged."""
         try:
-            content = yaml.safe_load(self.files.config.read_bytes())
-        except (OSError, ValueError, yaml.YAMLError, RecursionError):
+            content = parse_yaml(self.files.config.read_bytes())
+        except (OSError, ValueError, yaml.YAMLError):
             return None
         return content.get("schema") if isinstance(content, dict) else None
 

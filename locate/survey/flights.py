@@ -11,6 +11,7 @@ import yaml
 from geometry.errors import BadInputError, InterruptedRunError, LocateError
 from geometry.georeference import Georeference
 from geometry.trajectory import Trajectory
+from geometry.yaml_text import parse_yaml
 from locate.journal.log import log_to_file
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
@@ -155,7 +156,7 @@ def read_config(folder: Path) -> RunConfig | None:
     """The configuration of a run; None where its recording is gone."""
     path = RunFiles(folder).config
     try:
-        content: dict[str, Any] = yaml.safe_load(path.read_text())
+        content: dict[str, Any] = parse_yaml(path.read_text())
         known = {name: content[name] for name in RunConfig.model_fields if name in content}
         config = RunConfig(**known)
     except (OSError, ValueError, TypeError, yaml.YAMLError) as error:

@@ -1,0 +1,46 @@
+"""YAML from strangers: what it says, or one line."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from detect.learning.config import TrainConfig
+from detect.synthesis.recipe import Recipe
+from geometry.errors import BadInputError
+from geometry.yaml_text import parse_yaml
+from locate.simulation.scene import Scene
+
+LEVELS = 12
+UNFOLDING = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, LEVELS)
+)
+HOSTILE = {
+    "deep": b"[" * 100_000,
+    "unfolding": UNFOLDING.encode(),
+    "in itself": b"&a [*a]",
+    "date": b"a: 2020-99-99",
+    "no text": b"\xff\xfe\x00\x9f",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("reader", [Scene, Recipe, TrainConfig])
+def test_hostile_yaml_is_refused_in_one_short_line(
+    tmp_path: Path, name: str, reader: type[Scene] | type[Recipe] | type[TrainConfig]
+) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_bytes(HOSTILE[name])
+    with pytest.raises(BadInputError, match=r"a\.yaml") as refused:
+        reader.load(path)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 1000
+
+
+def test_a_value_in_itself_is_refused() -> None:
+    with pytest.raises(yaml.YAMLError, match="nested"):
+        parse_yaml("&a [*a]")
+
+
+def test_usual_aliases_are_read() -> None:
+    assert parse_yaml("a: &x {b: 1}\nc: *x") == {"a": {"b": 1}, "c": {"b": 1}}
