@@ -3,6 +3,8 @@
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from geometry.printable import printable
+
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
@@ -14,6 +16,9 @@ class LocateError(Exception):
     """Base of every error this project raises on purpose; its text is one line for a person."""
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class InterruptedRunError(LocateError):

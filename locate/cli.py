@@ -4,6 +4,7 @@ import os
 import signal
 import sqlite3
 import sys
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any
 
 from geometry.errors import INTERRUPTED, InterruptedRunError, LocateError, describe_error
@@ -19,6 +20,9 @@ def main() -> None:
     _leave_at_once_when_interrupted()
     from locate.commands.app import app
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # names that are not UTF-8 are printed escaped
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
     except LocateError as error:

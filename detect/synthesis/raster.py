@@ -113,7 +113,11 @@ def read_photo(path: Path) -> GreyImage:
     Raises:
         BadInputError: It cannot be read, or is tiny.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    try:
+        content = np.fromfile(path, dtype=np.uint8)  # imread crashes on names that are not UTF-8
+        image = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
+    except OSError:
+        image = None
     if image is None or min(image.shape) < LEAST_SIDE_PX:
         raise BadInputError(f"{path}: not a readable photo of {LEAST_SIDE_PX} px or more")
     return np.asarray(image, dtype=np.uint8)

@@ -154,7 +154,7 @@ def _matched_pairs(
 
 
 def _image_size(path: Path) -> tuple[int, int]:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise BadInputError(f"{path}: not a readable image")
     return image.shape[1], image.shape[0]

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 
 from geometry.errors import LocateError
+from geometry.printable import printable
 
 FIELDS = ("stage", "wall_s", "cpu_s")
 
@@ -22,7 +23,7 @@ class JsonLines(logging.Formatter):
         line = {
             "time_s": round(record.created, 3),
             "level": record.levelname.lower(),
-            "message": record.getMessage(),
+            "message": printable(record.getMessage()),
         }
         line |= {name: getattr(record, name) for name in FIELDS if hasattr(record, name)}
         return json.dumps(line)

@@ -5,6 +5,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from geometry.printable import printable
+
 DetectorName = Literal["auto", "registered", "registered-plain", "bos", "dybs"]
 
 
@@ -63,4 +65,7 @@ class RunConfig(BaseModel):
     def to_plain(self) -> dict[str, Any]:
         """The settings as JSON and YAML know them."""
         plain: dict[str, Any] = self.model_dump(mode="json")
-        return plain
+        return {
+            name: printable(value) if isinstance(value, str) else value
+            for name, value in plain.items()
+        }

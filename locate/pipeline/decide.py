@@ -6,6 +6,7 @@ from pathlib import Path
 
 from detect.detection import Detection
 from detect.registry import DetectorChoice
+from geometry.printable import printable
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__
@@ -51,7 +52,7 @@ def write_map(
     placement = Placement.load(files.placement)
     plume_map = placement.with_uncertainty(plume_map)
     notes = (*plume_map.notes, *placement.notes, *notes)
-    plume_map = replace(plume_map, notes=notes)
+    plume_map = replace(plume_map, notes=tuple(map(printable, notes)))
     plume_map.save(target.map)
     return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
 

@@ -1,6 +1,7 @@
 """What tells an input, or the code of a stage, from another."""
 
 import hashlib
+import os
 import re
 from functools import lru_cache
 from importlib.util import find_spec
@@ -32,7 +33,7 @@ def fingerprint_path(path: Path) -> str:
         files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
         for file in files:
             size = file.stat().st_size
-            summary.update(f"{file.relative_to(path.parent)} {size}".encode())
+            summary.update(os.fsencode(file.relative_to(path.parent)) + f" {size}".encode())
             with file.open("rb") as stream:
                 summary.update(stream.read(EDGE_BYTES))
                 stream.seek(max(0, size - EDGE_BYTES))

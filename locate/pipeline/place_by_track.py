@@ -18,6 +18,7 @@ from geometry.georeference import (
 )
 from geometry.georeference.fixes import positions_of_cameras
 from geometry.georeference.gravity import up_from_gimbal
+from geometry.printable import printable
 from geometry.trajectory import Trajectory
 from locate.pipeline.placement import Placement
 from locate.recording import KeyFrames
@@ -76,7 +77,7 @@ def place_by_track(
         trajectory,
         enu,
         sigmas_m,
-        name=track.path.name,
+        name=printable(track.path.name),
         shared_sigma_m=(0.0, 0.0, 0.0) if precise else SHARED_SIGMA_M,
     )
     upright = _up_from_attitude(trajectory, records)

@@ -79,7 +79,7 @@ def _plausible_prior(relative: float, source: str) -> FocalPrior | None:
 
 
 def _from_camera_database(path: Path) -> FocalPrior | None:
-    bitmap = pycolmap.Bitmap.read(str(path), as_rgb=False)
+    bitmap = pycolmap.Bitmap.read(path, as_rgb=False)
     focal_px = None if bitmap is None else bitmap.exif_focal_length()
     if bitmap is None or not focal_px:
         return None

@@ -1,6 +1,5 @@
 """A recording: a video or photos, read frame by frame at the working size."""
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,8 +12,9 @@ from geometry.errors import BadInputError
 from geometry.stretch import Stretch
 from locate.recording.depth import stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
-from locate.recording.formats import PHOTO_SUFFIXES, READ, REFUSED_SUFFIXES, refusal_of
+from locate.recording.formats import PHOTO_SUFFIXES, REFUSED_SUFFIXES
 from locate.recording.images import read_samples, show_in_grey
+from locate.recording.photo_folder import list_photos, note_further_pages
 from locate.recording.photo_groups import keep_one_camera
 from locate.recording.video import NamedImage, first_video_image, read_video_header, video_images
 
@@ -136,9 +136,11 @@ def open_recording(
     photo_indices: tuple[int, ...] = ()
     warnings: list[str] = []
     if path.is_dir() or is_photo:
-        photos = (path,) if is_photo else _list_photos(path)
+        photos, warnings = ((path,), []) if is_photo else list_photos(path)
+        warnings += note_further_pages(photos)
         if one_camera:
-            photos, photo_indices, warnings = _photos_of_one_camera(photos)
+            photos, photo_indices, others = _photos_of_one_camera(photos)
+            warnings += others
         _, _, first = next(_photo_images(photos[:1], [], None))
         focal = focal_of_photo(photos[0])
         stretch = stretch_of_photos(photos)
@@ -174,27 +176,6 @@ def _photos_of_one_camera(
     if note is None:
         return photos, (), []
     return tuple(photos[row] for row in rows), tuple(rows), [note]
-
-
-def natural_key(path: Path) -> list[tuple[int, str]]:
-    """Sorts ``img2`` before ``img10``."""
-    parts = re.split(r"(\d+)", path.name.lower())
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
-
-
-def _list_photos(folder: Path) -> tuple[Path, ...]:
-    try:
-        entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
-    except OSError as error:
-        raise BadInputError(f"{folder}: cannot be read ({error.strerror})") from error
-    photos = sorted((e for e in entries if e.suffix.lower() in PHOTO_SUFFIXES), key=natural_key)
-    if not photos:
-        for entry in sorted(entries, key=natural_key):
-            refusal = refusal_of(entry, b"")
-            if refusal is not None:
-                raise BadInputError(f"{entry}: {refusal}")
-        raise BadInputError(f"{folder}: no photos in this folder (expected {READ})")
-    return tuple(photos)
 
 
 def _photo_images(

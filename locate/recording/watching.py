@@ -129,7 +129,8 @@ def watch_recording(
     shots = _watch_shots(recording, target_motion, progress)
     count = sum(len(shot.frames) for shot in shots)
     if count < 2:
-        raise BadInputError(f"{recording.path}: only {count} frame; at least 2 are needed")
+        known = "".join(f"; {note}" for note in recording.warnings)
+        raise BadInputError(f"{recording.path}: only {count} frame; at least 2 are needed{known}")
     longest = max(shots, key=lambda shot: len(shot.frames))
     frames, spaced, still = longest.finish()
     if len(frames) < 2:

@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 import exifread
 
 from geometry.errors import BadInputError
-from locate.recording.formats import PHOTO_SUFFIXES
-from locate.recording.recording import natural_key
+from locate.recording.photo_folder import list_photos
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.bounded import report_as_bad_input
 from locate.telemetry.cells import (
@@ -61,11 +60,7 @@ def read_photos(path: Path) -> TelemetryTrack:
     if not path.is_dir():
         refused: list[RefusedText] = []
         return _make_track(path, [path], [_read_photo(path, refused)], refused)
-    with report_as_bad_input(path, "photo folder"):
-        entries = [entry for entry in path.iterdir() if entry.suffix.lower() in PHOTO_SUFFIXES]
-    photos = sorted(entries, key=natural_key)
-    if not photos:
-        raise BadInputError(f"{path}: no photos in this folder")
+    photos, _ = list_photos(path)
     refused = []
     records = [_read_photo_or_empty(photo, refused) for photo in photos]
     return _make_track(path, photos, records, refused)

@@ -1,0 +1,129 @@
+"""The photos of a folder, told from the other things that lie there."""
+
+import re
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from geometry.errors import BadInputError
+from locate.recording.formats import PHOTO_SUFFIXES, READ, refusal_of
+
+MUCH_SMALLER = 0.5
+"""Of the bytes and of the longest side of the usual photo, below which one is a thumbnail."""
+MIN_USUAL = 2
+"""Photos that are not much smaller, so that one panorama makes no thumbnails of the others."""
+MAX_PAGES = 100_000
+"""Of a TIFF; beyond, its chain of pages is taken for a ring."""
+
+
+def list_photos(folder: Path) -> tuple[tuple[Path, ...], list[str]]:
+    """The photos of a folder in natural order, and a note that counts what else is in it.
+
+    Raises:
+        BadInputError: The folder cannot be read, or holds no photo.
+    """
+    try:
+        entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
+    except OSError as error:
+        raise BadInputError(f"{folder}: cannot be read ({error.strerror})") from error
+    kinds = {entry: _kind_of(entry) for entry in sorted(entries, key=natural_key)}
+    photos = [entry for entry, kind in kinds.items() if kind == "photo"]
+    for entry in _thumbnails_among(photos):
+        kinds[entry] = "thumbnail"
+    photos = [entry for entry, kind in kinds.items() if kind == "photo"]
+    if not photos:
+        for entry in kinds:
+            refusal = refusal_of(entry, b"")
+            if refusal is not None:
+                raise BadInputError(f"{entry}: {refusal}")
+        raise BadInputError(f"{folder}: no photos in this folder (expected {READ})")
+    return tuple(photos), _count_skipped(folder, kinds)
+
+
+def natural_key(path: Path) -> list[tuple[int, str]]:
+    """Sorts ``img2`` before ``img10``."""
+    parts = re.split(r"(\d+)", path.name.lower())
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+
+
+def note_further_pages(photos: Sequence[Path]) -> list[str]:
+    """A note on TIFF files that hold more than the one picture that is read of each."""
+    pages = {photo: count_pages(photo) for photo in photos if photo.suffix[:4].lower() == ".tif"}
+    several = [photo for photo, count in pages.items() if count > 1]
+    if not several:
+        return []
+    first = several[0]
+    return [
+        f"only the first page of {len(several)} TIFF files is read (of the {pages[first]} of "
+        f"{first.name}); save each page as a file to use it"
+    ]
+
+
+def count_pages(path: Path) -> int:
+    """How many pictures a TIFF file holds; 0 where it is none."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+            order = {b"II": "<", b"MM": ">"}[head[:2]]
+            (version,) = struct.unpack(order + "H", head[2:4])
+            wide = version == 43  # BigTIFF
+            number, entry, offset = ("Q", 20, "Q") if wide else ("H", 12, "I")
+            (position,) = struct.unpack_from(order + offset, head, 8 if wide else 4)
+            count = 0
+            while position and count < MAX_PAGES:
+                file.seek(position)
+                (tags,) = struct.unpack(order + number, file.read(struct.calcsize(number)))
+                file.seek(tags * entry, 1)
+                (position,) = struct.unpack(order + offset, file.read(struct.calcsize(offset)))
+                count += 1
+    except (OSError, KeyError, OverflowError, struct.error):
+        return 0
+    return count
+
+
+def _kind_of(entry: Path) -> str:
+    if entry.is_symlink() and not entry.exists():
+        return "link to nothing"
+    if entry.is_dir():
+        return "folder"
+    if entry.suffix.lower() not in PHOTO_SUFFIXES or not entry.is_file():
+        return "file of another kind"
+    return "photo" if entry.stat().st_size else "empty file"
+
+
+def _thumbnails_among(photos: Sequence[Path]) -> list[Path]:
+    """Those with less than half of the side of the usual photo, which holds the median byte."""
+    sizes = np.array([photo.stat().st_size for photo in photos])
+    order = np.argsort(sizes, kind="stable")
+    if not len(photos):
+        return []
+    usual = int(order[np.searchsorted(np.cumsum(sizes[order]), sizes.sum() / 2)])
+    suspects = [
+        p for p, size in zip(photos, sizes, strict=True) if size < MUCH_SMALLER * sizes[usual]
+    ]
+    if not suspects or len(photos) - len(suspects) < MIN_USUAL:
+        return []
+    side = _eighth_of_side(photos[usual])
+    return [photo for photo in suspects if 0 < _eighth_of_side(photo) < MUCH_SMALLER * side]
+
+
+def _eighth_of_side(photo: Path) -> int:
+    """An eighth of the longest side, px, which is fast to decode; 0 where it is unreadable."""
+    try:
+        content = np.fromfile(photo, dtype=np.uint8)
+        image = cv2.imdecode(content, cv2.IMREAD_REDUCED_GRAYSCALE_8) if len(content) else None
+    except (OSError, cv2.error):
+        return 0
+    return 0 if image is None else max(image.shape)
+
+
+def _count_skipped(folder: Path, kinds: dict[Path, str]) -> list[str]:
+    skipped = [kind for kind in kinds.values() if kind != "photo"]
+    if not skipped:
+        return []
+    first = {kind: entry.name for entry, kind in reversed(kinds.items())}
+    counts = (f"{kind}: {skipped.count(kind)} ({first[kind]})" for kind in dict.fromkeys(skipped))
+    return [f"{folder.name}: entries that are no photos were skipped; {', '.join(counts)}"]
