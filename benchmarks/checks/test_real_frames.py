@@ -138,7 +138,7 @@ def test_distortion_is_taken_out_of_the_truth() -> None:
 
 
 def test_silence_and_sigma() -> None:
-    quiet = Detection.silent(SHAPE)
+    quiet = Detection.without_evidence(SHAPE)
     sigma = np.full(SHAPE, np.inf, np.float32)
     sigma[:30] = 0.2
     speaks = replace(quiet, sigma_px=sigma, llr=np.ones(SHAPE, np.float32))

@@ -166,7 +166,7 @@ def test_held_out_images_are_not_learned_from(count: int, held: int) -> None:
 def test_adapted_network_is_a_detector_for_images_of_full_size(
     start: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(teaching, "JUDGED", 6)
+    monkeypatch.setattr(teaching, "SAMPLES", 6)
     images = [wall(i) for i in range(3)]
     told: list[str] = []
     path = tmp_path / "a.onnx"
@@ -188,7 +188,7 @@ def test_adapted_network_is_a_detector_for_images_of_full_size(
 def test_one_image_makes_no_evidence(
     start: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(teaching, "JUDGED", 4)
+    monkeypatch.setattr(teaching, "SAMPLES", 4)
     answer = adapt(start, [wall()], tmp_path / "a.onnx", minutes=0.02, report=silent)
     assert (answer.held_out, answer.reliable_classes) == (0, ())
     found = DybsDetector(tmp_path / "a.onnx").detect(Frames(images=[wall()]), 0)
@@ -243,7 +243,9 @@ def test_command_on_a_run_folder(
     def teach(_: Path, images: Sequence[np.ndarray], path: Path, **__: object) -> Adapted:
         seen.extend(int(image[0, 0]) for image in images)
         figures = Score(auroc=0.5, correlation=0, error_px=0.2, zero_error_px=0.1)
-        return Adapted(learned=27, held_out=7, before=figures, after=figures, heard=("lattice",))
+        return Adapted(
+            learned=27, held_out=7, before=figures, after=figures, reliable_classes=("lattice",)
+        )
 
     monkeypatch.setattr(teaching, "adapt", teach)
     result = typed(tmp_path / "run", "-o", tmp_path / "a.onnx", "--weights", start)

@@ -308,9 +308,11 @@ def test_broken_photo(tmp_path: Path) -> None:
         keep(folder, tmp_path)
 
 
-def test_photos_of_two_sizes(tmp_path: Path) -> None:
+def test_a_thumbnail_among_photos_is_left_out_and_counted(tmp_path: Path) -> None:
     folder = write_photos(tmp_path / "photos", [*pan([0.0, 20.0]), wallpaper()[:100, :100]])
-    assert "100x100" in refused(folder, tmp_path)
+    kept = keep(folder, tmp_path)
+    assert [frame.source for frame in kept.frames] == ["img1.png", "img2.png"]
+    assert "thumbnail: 1 (img3.png)" in kept.warnings[0]
 
 
 def test_truncated_video_gives_what_decodes(
