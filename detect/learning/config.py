@@ -271,10 +271,6 @@ class TrainConfig(_TrainingSettings):
             yield first, stage
             first += stage.steps
 
-    def stage_at(self, step: int) -> tuple[int, TrainingStage]:
-        """The stage that `step` belongs to, and its first step."""
-        return [(first, stage) for first, stage in self.stage_starts() if first <= step][-1]
-
     def weights_digest(self, step: int) -> str:
         """Names the weights after `step` steps.
 
