@@ -3,10 +3,10 @@
 import argparse
 import time
 
-from benchmarks.real_frames.cases import add_case_arguments, cases_of, plain_case, usable
+from benchmarks.real_frames.cases import Case, add_case_arguments, cases_of, plain_case, usable
 from benchmarks.real_frames.places import NoPosesError, posed_photos, put_plume
 from benchmarks.real_frames.run import OWN, score_case
-from locate.simulation import render_onto_set
+from locate.simulation import render_strengths_onto_set
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,12 +22,15 @@ def main(options: argparse.Namespace) -> None:
         except NoPosesError as error:
             print(f"{recording.name} | skipped: {error}", flush=True)
             continue
+        by_place: dict[int, list[Case]] = {}
         for case in cases_of(recording, options):
-            if case.filmed:
-                continue
-            assert case.place is not None
+            if case.place is not None and not case.filmed:
+                by_place.setdefault(case.place, []).append(case)
+        for place, cases in by_place.items():
             started = time.process_time()
-            scaled, scene = put_plume(photos, case.place, case.strength_px)
-            render_onto_set(scene, scaled, case.folder, reduce=1)
+            scaled, scene = put_plume(photos, place)
+            outputs = {case.strength_px: case.folder for case in cases}
+            render_strengths_onto_set(scene, scaled, outputs, reduce=1)
             cpu_s = time.process_time() - started
-            print(f"{recording.name} | {case.folder.name} | {cpu_s:.0f} CPU s", flush=True)
+            names = ", ".join(folder.name for folder in outputs.values())
+            print(f"{recording.name} | {names} | {cpu_s:.0f} CPU s", flush=True)

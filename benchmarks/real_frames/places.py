@@ -68,13 +68,12 @@ def renumbered(trajectory: Trajectory) -> Trajectory:
     )
 
 
-def put_plume(photos: PhotoSet, place: int, strength_px: float) -> tuple[PhotoSet, Scene]:
+def put_plume(photos: PhotoSet, place: int) -> tuple[PhotoSet, Scene]:
     """The photos in a world of the right size, and the plume in it.
 
     Args:
         photos: With sparse points.
         place: Its number, which is the seed of everything.
-        strength_px: 95th percentile of |w|.
     """
     rng = np.random.default_rng([FIRST_SEED + place, 61])
     source = draw_source(photos, place, rng)
@@ -85,7 +84,6 @@ def put_plume(photos: PhotoSet, place: int, strength_px: float) -> tuple[PhotoSe
         radius_m=exit_.uniform(0.1, 0.17),
         height_m=exit_.uniform(3.0, 4.0),
         temperature_k=exit_.uniform(360, 500),
-        amplitude_px=strength_px,
         flow_seed=FIRST_SEED + place,
     )
     return photos, Scene(

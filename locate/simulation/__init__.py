@@ -2,7 +2,11 @@
 
 from locate.simulation.campaign import Campaign, is_campaign, simulate_campaign
 from locate.simulation.layouts import random_scene
-from locate.simulation.photo_overlay import render_onto, render_onto_set
+from locate.simulation.photo_overlay import (
+    render_onto,
+    render_onto_set,
+    render_strengths_onto_set,
+)
 from locate.simulation.recording import simulate
 from locate.simulation.scene import Scene
 
@@ -13,6 +17,7 @@ __all__ = [
     "random_scene",
     "render_onto",
     "render_onto_set",
+    "render_strengths_onto_set",
     "simulate",
     "simulate_campaign",
 ]

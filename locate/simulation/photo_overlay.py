@@ -1,6 +1,7 @@
 """`locate simulate SCENE.yaml --onto PHOTOS -o DIR`: simulated plumes before real photos."""
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -8,8 +9,9 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.ndimage import map_coordinates, spline_filter
 
-from geometry.arrays import FloatArray, FloatMap, GreyImage
+from geometry.arrays import FloatArray, FloatMap, GreyImage, IntArray
 from geometry.camera import Camera
+from geometry.threads import with_one_blas_thread
 from geometry.trajectory import Trajectory
 from locate.simulation.image_formation import area_mean, digitise_grey
 from locate.simulation.photo_set import PhotoSet
@@ -44,7 +46,7 @@ def render_onto(
         photos: Folder with a COLMAP model, `.camera` files or transforms.json, and the photos.
         output: Folder to write.
         reduce: As of `render_onto_set`.
-        progress: Called with the number of frames done and their total.
+        progress: Called with the number of steps done and their total.
 
     Raises:
         BadInputError: The photo set cannot be used, or the folder cannot be written.
@@ -81,29 +83,70 @@ def render_onto_set(
         output: Folder to write.
         reduce: Photo pixels per output pixel along a side. 1 is the full size; None: what fits
             `scene.camera.width`, at least 2.
-        progress: Called with the number of frames done and their total.
+        progress: Called with the number of steps done and their total.
 
     Raises:
         BadInputError: A photo cannot be used, or the folder cannot be written.
     """
-    make_folder(output)
+    outputs = {output: [plume.amplitude_px for plume in scene.plumes]}
+    _render(scene, photo_set, outputs, reduce, progress)
+
+
+def render_strengths_onto_set(
+    scene: Scene, photo_set: PhotoSet, outputs: Mapping[float, Path], *, reduce: int | None = None
+) -> None:
+    """`render_onto_set` at several strengths, which costs little more than at one.
+
+    Args:
+        scene: As of `render_onto_set`; the strengths of its plumes do not count.
+        photo_set: The photos.
+        outputs: The folder to write for each strength: 95th percentile of |w| of every plume, px.
+        reduce: As of `render_onto_set`.
+
+    Raises:
+        BadInputError: A photo cannot be used, or a folder cannot be written.
+    """
+    strengths = {folder: [px] * len(scene.plumes) for px, folder in outputs.items()}
+    _render(scene, photo_set, strengths, reduce, ignore_progress)
+
+
+@with_one_blas_thread
+def _render(
+    scene: Scene,
+    photo_set: PhotoSet,
+    outputs: Mapping[Path, Sequence[float | None]],
+    reduce: int | None,
+    progress: Progress,
+) -> None:
+    """Writes each folder with plumes of its amplitudes, px; None: as strong as they physically are.
+
+    The BLAS is held to one thread, as its threads cost more than the small matrices here do.
+    """
+    for output in outputs:
+        make_folder(output)
     scene = _turn_scene(scene, photo_set)
     fitting = round(photo_set.trajectory.camera.width / scene.camera.width)
     factor = reduce or max(LEAST_REDUCED, fitting)
     trajectory = output_trajectory(photo_set.trajectory, factor, scene.video.fps)
     fields = [PlumeField(scene, number) for number in range(len(scene.plumes))]
-    renderer = OverlayRenderer(trajectory, photo_set, fields)
-    folder = PngFrameFolder(output)
-    for i in range(len(trajectory)):
-        truth = renderer.frame_truth(i)
-        photo = photo_set.read_image(i)
-        image = displace_photo(
-            photo, truth.displacement, factor, scene.image, scene.random_stream(4, i)
-        )
-        folder.write(image)
-        write_truth(output, i, truth)
-        progress(i + 1, len(trajectory))
-    write_summary(output, trajectory, fields, renderer.amplitudes_px)
+    count = len(trajectory)
+    steps = count * (1 + len(outputs))
+    renderer = OverlayRenderer(
+        trajectory, photo_set, fields, progress=lambda done, _: progress(done, steps)
+    )
+    for k, (output, amplitudes_px) in enumerate(outputs.items(), start=1):
+        renderer.scale_to(amplitudes_px)
+        folder = PngFrameFolder(output)
+        for i in range(count):
+            truth = renderer.frame_truth(i)
+            photo = photo_set.read_image(i)
+            image = displace_photo(
+                photo, truth.displacement, factor, scene.image, scene.random_stream(4, i)
+            )
+            folder.write(image)
+            write_truth(output, i, truth)
+            progress(k * count + i + 1, steps)
+        write_summary(output, trajectory, fields, renderer.amplitudes_px)
 
 
 def displace_photo(
@@ -148,63 +191,115 @@ def _read_displaced(picture: FloatMap, part: tuple[slice, slice], w: FloatMap) -
     return np.asarray(read, dtype=np.float32)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _BentPixels:
+    """The M pixels of a photo whose rays a plume bends.
+
+    Attributes:
+        pixels: (M,) their numbers, row by row.
+        deflection: (M, 3) rad before the surface, of the plume as it physically is.
+        turn_m: (M,) range of the bend.
+        leg_m: (M,) from there to the surface.
+    """
+
+    pixels: IntArray
+    deflection: FloatMap
+    turn_m: FloatMap
+    leg_m: FloatMap
+
+
 class OverlayRenderer:
-    """The displacement of plumes before a photo set."""
+    """The displacement of plumes before a photo set.
+
+    The rays are bent once, by the plumes as they physically are: a gain of the refractivity is one
+    of the deflection.
+
+    Args:
+        trajectory: Of the frames.
+        photo_set: Its sparse points tell the surfaces.
+        fields: The plumes, with a gain of 1.
+        progress: Called with the number of frames bent and their total.
+
+    Attributes:
+        amplitudes_px: How strong each plume is.
+    """
 
     def __init__(
-        self, trajectory: Trajectory, photo_set: PhotoSet, fields: list[PlumeField]
+        self,
+        trajectory: Trajectory,
+        photo_set: PhotoSet,
+        fields: Sequence[PlumeField],
+        *,
+        progress: Progress = ignore_progress,
     ) -> None:
         self._trajectory = trajectory
         self._points = photo_set.points_in_world
         self._fields = fields
-        self._depths: dict[int, FloatMap] = {}
         camera = trajectory.camera
         self._rays = camera.rays(camera.pixel_grid())
-        self.amplitudes_px = [self._calibrate_gain(field) for field in fields]
+        self._depths: list[FloatMap] = []
+        self._bent: list[list[_BentPixels]] = []
+        sizes = np.zeros((len(trajectory), len(fields)))
+        for i in range(len(trajectory)):
+            self._depths.append(self._measured_depth(i))
+            self._bent.append([self._bend_pixels(field, i) for field in fields])
+            sizes[i] = [visible_percentile(self._displacement(i, k)) for k in range(len(fields))]
+            progress(i + 1, len(trajectory))
+        self._physical_px = [
+            float(size[size > 0].mean()) if size.any() else 0.0 for size in sizes.T
+        ]
+        self.amplitudes_px: list[float] = []
+        self.scale_to([field.plume.amplitude_px for field in fields])
+
+    def scale_to(self, amplitudes_px: Sequence[float | None]) -> None:
+        """Makes each plume so strong; None: as it physically is. Plumes out of sight stay so."""
+        self.amplitudes_px = [
+            field.scale_to(physical, wanted)
+            for field, physical, wanted in zip(
+                self._fields, self._physical_px, amplitudes_px, strict=True
+            )
+        ]
 
     def frame_truth(self, i: int) -> RenderedTruth:
         """What is true of photo `i`."""
-        depth = self._surface_depth(i)
+        depth = self._depths[i]
         w = np.zeros((*depth.shape, 2), dtype=np.float32)
-        for field in self._fields:
-            w += self._plume_displacement(field, i, depth)
+        for k in range(len(self._fields)):
+            w += self._displacement(i, k)
         weakest = min(self.amplitudes_px, default=0.0)
         mask = np.linalg.norm(w, axis=-1) > max(MASK_SHARE * weakest, NEGLIGIBLE_PX)
         return RenderedTruth(displacement=w, mask=mask, depth=depth)
 
-    def _plume_displacement(self, field: PlumeField, i: int, depth: FloatMap) -> FloatMap:
-        rotation = self._trajectory.rotations[i]
-        directions = (self._rays.reshape(-1, 3) @ rotation).astype(np.float32)
-        ends = np.asarray(depth.ravel() / self._rays[..., 2].ravel(), dtype=np.float32)
-        bend = field.bend_rays(i, self._trajectory.centers_in_world[i], directions)
-        deflection = bend.deflection * bend.share_before(ends)[:, None]
-        bent = np.flatnonzero(np.abs(deflection).max(axis=1) > 0)
-        w = np.zeros((len(directions), 2), dtype=np.float32)
-        w[bent] = apparent_shift(
+    def _displacement(self, i: int, k: int) -> FloatMap:
+        """(H, W, 2) px of plume `k` in photo `i`."""
+        bent = self._bent[i][k]
+        w = np.zeros((self._rays[..., 0].size, 2), dtype=np.float32)
+        w[bent.pixels] = apparent_shift(
             self._trajectory.camera,
-            rotation,
-            directions[bent],
-            deflection[bent],
-            bend.range_m[bent],
-            np.maximum(ends - bend.range_m, 0)[bent],
+            self._trajectory.rotations[i],
+            self._directions(i)[bent.pixels],
+            bent.deflection * np.float32(self._fields[k].gain),
+            bent.turn_m,
+            bent.leg_m,
         )
-        return w.reshape(*depth.shape, 2)
+        return w.reshape(*self._rays.shape[:2], 2)
 
-    def _calibrate_gain(self, field: PlumeField) -> float:
-        """Sets the gain of a plume to reach its amplitude; returns the amplitude."""
-        frames = range(len(self._trajectory))
-        sizes = [
-            visible_percentile(self._plume_displacement(field, i, self._surface_depth(i)))
-            for i in frames
-        ]
-        seen = [size for size in sizes if size > 0]
-        return field.scale_to(float(np.mean(seen)) if seen else 0.0)
+    def _directions(self, i: int) -> FloatMap:
+        """(H * W, 3) unit rays of the pixels in the world."""
+        turned = self._rays.reshape(-1, 3) @ self._trajectory.rotations[i]
+        return np.asarray(turned, dtype=np.float32)
 
-    def _surface_depth(self, i: int) -> FloatMap:
-        """(H, W) of the surfaces along the optical axis."""
-        if i not in self._depths:
-            self._depths[i] = self._measured_depth(i)
-        return self._depths[i]
+    def _bend_pixels(self, field: PlumeField, i: int) -> _BentPixels:
+        ends = np.asarray(self._depths[i].ravel() / self._rays[..., 2].ravel(), dtype=np.float32)
+        bend = field.bend_rays(i, self._trajectory.centers_in_world[i], self._directions(i))
+        deflection = bend.deflection * bend.share_before(ends)[:, None]
+        pixels = np.flatnonzero(np.abs(deflection).max(axis=1) > 0)
+        return _BentPixels(
+            pixels=pixels,
+            deflection=deflection[pixels],
+            turn_m=bend.range_m[pixels],
+            leg_m=np.maximum(ends - bend.range_m, 0)[pixels],
+        )
 
     def _measured_depth(self, i: int) -> FloatMap:
         camera = self._trajectory.camera

@@ -95,20 +95,21 @@ class PlumeField:
         self._tracers, rise_mps = _simulate_rise((seed, 3, number), times, exit_)
         self._lean = np.array(scene.wind_mps) / max(rise_mps, 0.1)
 
-    def scale_to(self, amplitude_px: float) -> float:
-        """Sets the gain that makes the plume as strong as the scene asks.
+    def scale_to(self, physical_px: float, wanted_px: float | None) -> float:
+        """Sets the gain that makes the plume as strong as is asked.
 
         Args:
-            amplitude_px: How strong the physical plume is.
+            physical_px: How strong the physical plume is.
+            wanted_px: How strong it should be; None: as it physically is.
 
         Returns:
             How strong the plume is with that gain, px.
         """
-        wanted = self.plume.amplitude_px
-        if wanted is None or amplitude_px == 0:
-            return amplitude_px
-        self.gain = wanted / amplitude_px
-        return wanted
+        if wanted_px is None or physical_px == 0:
+            self.gain = 1.0
+            return physical_px
+        self.gain = wanted_px / physical_px
+        return wanted_px
 
     def _index_gradient(self, frame: int) -> FloatMap:
         """(3, X, Y, Z) gradient of n in the world, 1/m, on the cells."""

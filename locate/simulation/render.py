@@ -186,7 +186,7 @@ class Renderer:
         frames = len(self._trajectory)
         trial = np.unique(np.linspace(0, frames - 1, min(frames, TRIAL_FRAMES)).astype(int))
         amplitude = float(np.mean([self._trial_percentile(field, int(i)) for i in trial]))
-        return field.scale_to(amplitude)
+        return field.scale_to(amplitude, field.plume.amplitude_px)
 
     def _trial_percentile(self, field: PlumeField, i: int) -> float:
         """The 95th percentile of |w| in frame `i`, on a coarse grid of rays."""

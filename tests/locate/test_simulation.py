@@ -13,7 +13,16 @@ from geometry.errors import BadInputError
 from geometry.refraction import gaussian_column_deflection, refractivity
 from geometry.trajectory import Trajectory
 from locate.cli import app
-from locate.simulation import Campaign, Scene, is_campaign, random_scene, render_onto, simulate
+from locate.simulation import (
+    Campaign,
+    Scene,
+    is_campaign,
+    random_scene,
+    render_onto,
+    render_onto_set,
+    render_strengths_onto_set,
+    simulate,
+)
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.photo_overlay import displace_photo
 from locate.simulation.photo_set import PhotoSet
@@ -350,6 +359,37 @@ def test_onto_real_photos_at_full_size(tmp_path):
     assert 0.3 < still.mean() < 0.99
     assert np.array_equal(image[still], photo[still]), "what stands still keeps its grain"
     assert (image != photo)[~still].mean() > 0.5
+
+
+def test_photos_are_bent_once_for_all_strengths(tmp_path, monkeypatch):
+    photo_set(tmp_path)
+    bent = []
+    bend_rays = PlumeField.bend_rays
+
+    def noted(field, frame, center_in_world, directions):
+        bent.append(frame)
+        return bend_rays(field, frame, center_in_world, directions)
+
+    monkeypatch.setattr(PlumeField, "bend_rays", noted)
+    plume = {"kind": "gaussian", "source": [0.3, 0, -0.5], "radius_m": 0.2, "height_m": 3}
+    made = Scene.model_validate({"plumes": [plume]})
+    photos = PhotoSet.load(tmp_path)
+    outputs = {px: tmp_path / f"{px}" for px in (0.3, 6.0)}
+    render_strengths_onto_set(made, photos, outputs, reduce=1)
+    assert bent == [0, 1, 2]
+    steps = []
+    for px, folder in outputs.items():
+        alone = made.model_copy(
+            update={"plumes": (made.plumes[0].model_copy(update={"amplitude_px": px}),)}
+        )
+        render_onto_set(
+            alone, photos, tmp_path / "alone", reduce=1, progress=lambda *step: steps.append(step)
+        )
+        for name in ("truth.json", "frames/000001.png"):
+            assert (folder / name).read_bytes() == (tmp_path / "alone" / name).read_bytes(), name
+        w = np.load(folder / "truth" / "000001.npz")["displacement"].astype(np.float32)
+        assert visible_percentile(w) == pytest.approx(px, rel=0.1)
+    assert steps[:6] == [(n, 6) for n in range(1, 7)]
 
 
 def test_only_photos_are_reduced(tmp_path):
