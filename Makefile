@@ -1,15 +1,17 @@
 VENV ?= .venv
 PHOTOS ?= ../shared/data/3_backgrounds
 SETS ?= ../shared/data/2_sfm
+EXAMPLES ?= 3000
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test robust ros bench train lint picture clean
+.PHONY: help demo test robust fuzz ros bench train lint picture clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
 	@echo "make robust  the tests that depend on rounding: kernels of other processors, threads, load"
+	@echo "make fuzz    the tests of damaged files with EXAMPLES=3000 of each kind: hours"
 	@echo "make ros     the ROS 2 node against real rclpy, Kilted and Jazzy"
 	@echo "make bench   the slow tests and the benchmarks: hours"
 	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR, sets in SETS=DIR"
@@ -26,11 +28,15 @@ test: lint
 robust: $(VENV)/dev.stamp
 	$(BIN)/python .ci/robustness
 
+fuzz: $(VENV)/dev.stamp
+	LOCATE_FUZZ_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest tests/fuzz -n 2 --maxfail 1000
+
 ros:
 	.ci/ros/run
 
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m slow
+	$(MAKE) fuzz
 	$(BIN)/python -m benchmarks.cost run
 	$(BIN)/python -m benchmarks.fusion geometry
 	$(BIN)/python -m benchmarks.scenes orbit

@@ -18,7 +18,8 @@ class LocateError(Exception):
     exit_code = 1
 
     def __str__(self) -> str:
-        return printable(super().__str__())
+        lines = (line.strip() for line in super().__str__().splitlines())
+        return printable(" ".join(line for line in lines if line))
 
 
 class InterruptedRunError(LocateError):

@@ -142,7 +142,10 @@ def _checked_trajectory(
 ) -> Trajectory:
     if not (np.isfinite(rotations).all() and np.isfinite(translations).all()):
         raise BadInputError(f"{path}: holds a pose whose numbers are not all finite")
-    if not np.allclose(rotations @ np.swapaxes(rotations, 1, 2), np.eye(3), atol=MAX_SKEW):
+    turned = (np.abs(rotations) <= 1 + MAX_SKEW).all()  # the squares of others may overflow
+    if not turned or not np.allclose(
+        rotations @ np.swapaxes(rotations, 1, 2), np.eye(3), atol=MAX_SKEW
+    ):
         raise BadInputError(f"{path}: holds a pose whose rotation is not one (skewed or scaled)")
     if (np.linalg.det(rotations) < 0).any():
         raise BadInputError(f"{path}: holds a pose whose rotation is not one (mirrored)")

@@ -12,6 +12,8 @@ What a program needs is here, and is imported when it is first used::
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import geometry  # noqa: F401 - it limits OpenCV, which must come later
+
 if TYPE_CHECKING:
     from geometry.errors import LocateError
     from locate.evaluation.api import evaluate

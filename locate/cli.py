@@ -54,5 +54,5 @@ def _leave_at_once_when_interrupted() -> None:
 def _fail(message: str, code: int) -> None:
     from locate.commands.console import err
 
-    err.print(f"locate: {message}", style="bold red", soft_wrap=True, markup=False, highlight=False)
+    err.print(f"locate: {message}", style="bold red", soft_wrap=True, highlight=False)
     sys.exit(code)

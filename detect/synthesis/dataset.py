@@ -86,12 +86,22 @@ class Shard:
         with open_arrays(path, "a shard of samples") as file:
             displacements = file["displacements"]
             masks = np.unpackbits(file["masks"], axis=-1, count=displacements.shape[-2])
-            return cls(
+            found = cls(
                 images=file["images"],
                 displacements=displacements,
                 masks=masks.astype(bool),
                 families=file["families"],
             )
+            found._check_shapes()
+            return found
+
+    def _check_shapes(self) -> None:
+        shape = self.masks.shape
+        fitting = self.displacements.shape == (*shape, 2) and self.images.shape[:3] == shape
+        if len(shape) != 3 or not fitting or self.families.shape != shape[:1]:
+            raise ValueError("the shapes of its arrays do not fit each other")
+        if self.families.dtype != np.uint8 or (self.families >= len(SAMPLE_FAMILIES)).any():
+            raise ValueError("it holds samples of an unknown family")
 
 
 def render_dataset(recipe: Recipe, count: int, folder: Path, *, processes: int = 1) -> list[Path]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
+from geometry.printable import printable_lines
 from locate.export.located import LocatedPlume, plumes_on_earth
 from locate.map.plume import PlumeMap
 
@@ -32,7 +33,7 @@ def write_kml(path: Path, plume_map: PlumeMap) -> None:
 
 def _add_element(parent: ElementTree.Element, tag: str, text: str = "") -> ElementTree.Element:
     child = ElementTree.SubElement(parent, tag)
-    child.text = text or None
+    child.text = printable_lines(text) or None
     return child
 
 

@@ -73,7 +73,7 @@ def _answer_with(handler: Callable[..., None], numbers: Sequence[signal.Signals]
 def progress_bars(console: Console) -> Iterator[Report]:
     """A bar with the time left for every stage that reports; shares below 0 have no known end."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TimeRemainingColumn(elapsed_when_finished=True),

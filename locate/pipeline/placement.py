@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Self
 
 from geometry.arrays import FloatArray
+from geometry.errors import BadInputError
 from geometry.georeference import Alignment, Georeference
 from geometry.json_text import parse_json
 from geometry.trajectory import Trajectory
@@ -69,13 +70,20 @@ class Placement:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Reads what `save` wrote; a camera at rest has no such file and no placement."""
+        """Reads what `save` wrote; a camera at rest has no such file and no placement.
+
+        Raises:
+            BadInputError: The file is damaged.
+        """
         if not path.exists():
             return cls()
-        content = parse_json(path.read_text())
-        alignment, georeference = content["alignment"], content["georeference"]
-        return cls(
-            alignment=None if alignment is None else Alignment.from_dict(alignment),
-            georeference=None if georeference is None else Georeference.from_dict(georeference),
-            notes=tuple(content["notes"]),
-        )
+        try:
+            content = parse_json(path.read_text())
+            alignment, georeference = content["alignment"], content["georeference"]
+            return cls(
+                alignment=None if alignment is None else Alignment.from_dict(alignment),
+                georeference=None if georeference is None else Georeference.from_dict(georeference),
+                notes=tuple(map(str, content["notes"])),
+            )
+        except (OSError, ValueError, KeyError, TypeError, BadInputError) as error:
+            raise BadInputError(f"{path}: not a readable placement ({error})") from error

@@ -5,14 +5,25 @@ from pathlib import Path
 import numpy as np
 
 from geometry.arrays import FloatArray
+from geometry.errors import BadInputError
 from geometry.npz import read_npz, save_arrays
 
 
 def load_points(path: Path) -> FloatArray | None:
-    """(M, 3) sparse points of a reconstruction, or None where there is none."""
+    """(M, 3) sparse points of a reconstruction, or None where there is none.
+
+    Raises:
+        BadInputError: The file holds something else.
+    """
     if not path.exists():
         return None
-    return np.asarray(read_npz(path)["points_in_world"], dtype=float)
+    try:
+        points = np.asarray(read_npz(path)["points_in_world"], dtype=float)
+    except (KeyError, ValueError) as error:
+        raise BadInputError(f"{path}: not the points of a reconstruction ({error!r})") from error
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise BadInputError(f"{path}: {points.shape=}, expected (M, 3) finite numbers")
+    return points
 
 
 def save_points(path: Path, points_in_world: FloatArray) -> None:

@@ -3,6 +3,8 @@
 import struct
 from pathlib import Path
 
+from geometry import MOST_PIXELS
+
 DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".jp2", ".j2k", ".avif"})
 """Formats whose samples may have more than 8 bits."""
 PHOTO_SUFFIXES = DEEP_SUFFIXES | {".jpg", ".jpeg", ".webp", ".bmp"}
@@ -13,6 +15,8 @@ RAW_SUFFIXES = frozenset(
     {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"}
 )
 """What cameras write before they make a picture of it."""
+TOO_LARGE = f"over {MOST_PIXELS // 10**6} megapixels; cut or reduce it"
+"""Why an image, or the frames of a video, are not read."""
 REFUSED_SUFFIXES = HEIF_SUFFIXES | RAW_SUFFIXES
 
 _HEIF_ADVICE = "HEIC/HEIF photos are not read; convert them to JPEG (heif-convert IN.heic OUT.jpg)"

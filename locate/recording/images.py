@@ -15,7 +15,7 @@ from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
-from locate.recording.formats import READ, refusal_of
+from locate.recording.formats import READ, TOO_LARGE, refusal_of
 
 CACHED = 24
 """Images kept in memory."""
@@ -108,8 +108,12 @@ def read_samples(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
         if refusal is not None:
             raise BadInputError(f"{path}: {refusal}")
         image = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH) if len(content) else None
-    except (OSError, cv2.error) as error:
+    except OSError as error:
         raise BadInputError(f"{path}: cannot be read ({error})") from error
+    except cv2.error as error:
+        if "MAX_IMAGE_PIXELS" in error.err:
+            raise BadInputError(f"{path}: {TOO_LARGE}") from error
+        raise BadInputError(f"{path}: cannot be read ({error.err})") from error
     if image is None:
         raise BadInputError(f"{path}: not a readable image ({READ}); remove or replace it")
     if image.dtype not in (np.uint8, np.uint16):

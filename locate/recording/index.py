@@ -3,12 +3,13 @@
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
+from pydantic import FiniteFloat, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
 
 from geometry.arrays import FloatArray, IntArray
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, first_complaint
 from geometry.json_text import parse_json
 
 FRAMES_SCHEMA = "locate.frames/1"
@@ -27,11 +28,11 @@ class KeyFrame:
             0 for the first.
     """
 
-    index: int
-    time_s: float
+    index: NonNegativeInt
+    time_s: FiniteFloat
     source: str
-    sharpness: float
-    motion_px: float
+    sharpness: FiniteFloat
+    motion_px: FiniteFloat
 
     @property
     def name(self) -> str:
@@ -55,11 +56,11 @@ class KeyFrames:
     """
 
     frames: tuple[KeyFrame, ...]
-    width: int
-    height: int
+    width: PositiveInt
+    height: PositiveInt
     is_video: bool
     static: bool
-    focal_prior_px: float | None = None
+    focal_prior_px: FiniteFloat | None = None
     focal_source: str | None = None
     warnings: tuple[str, ...] = ()
 
@@ -93,10 +94,13 @@ class KeyFrames:
             BadInputError: The file is missing, not JSON, or of another schema.
         """
         try:
-            content: dict[str, Any] = parse_json(path.read_text())
-            if content.pop("schema") != FRAMES_SCHEMA:
-                raise ValueError(f"expected schema {FRAMES_SCHEMA}")
-            frames = tuple(KeyFrame(**frame) for frame in content.pop("frames"))
-            return cls(frames=frames, warnings=tuple(content.pop("warnings")), **content)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            content = parse_json(path.read_text())
+            schema = content.pop("schema", None) if isinstance(content, dict) else None
+            if schema != FRAMES_SCHEMA:
+                raise ValueError(f"its schema is {schema!r}, expected {FRAMES_SCHEMA!r}")
+            return TypeAdapter(cls).validate_python(content)
+        except ValidationError as error:
+            where, what = first_complaint(error)
+            raise BadInputError(f"{path}: {where}: {what}") from error
+        except (OSError, ValueError) as error:
             raise BadInputError(f"{path}: not a readable frame index ({error})") from error

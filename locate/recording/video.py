@@ -6,12 +6,14 @@ from pathlib import Path
 
 import av
 
+from geometry import MOST_PIXELS
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
 from locate.recording.depth import grey_of_frame
 from locate.recording.display import PictureGeometry
 from locate.recording.fields import FILTER, merge_fields
+from locate.recording.formats import TOO_LARGE
 
 MISSING_TAIL_S = 0.5
 """Missing end of a video from which on it counts as truncated."""
@@ -32,6 +34,10 @@ def open_video(path: Path) -> "av.container.InputContainer":
     if not container.streams.video:
         container.close()
         raise BadInputError(f"{path}: holds no video stream")
+    stream = container.streams.video[0]
+    if stream.width * stream.height > MOST_PIXELS:
+        container.close()
+        raise BadInputError(f"{path}: its frames are {TOO_LARGE}")
     return container
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import yaml
+from pydantic import ValidationError
 
-from geometry.errors import BadInputError, InterruptedRunError, LocateError
+from geometry.errors import BadInputError, InterruptedRunError, LocateError, first_complaint
 from geometry.georeference import Georeference
 from geometry.trajectory import Trajectory
 from geometry.yaml_text import parse_yaml
@@ -159,6 +160,9 @@ def read_config(folder: Path) -> RunConfig | None:
         content: dict[str, Any] = parse_yaml(path.read_text())
         known = {name: content[name] for name in RunConfig.model_fields if name in content}
         config = RunConfig(**known)
+    except ValidationError as error:
+        where, what = first_complaint(error)
+        raise BadInputError(f"{path}: {where}: {what}") from error
     except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
         raise BadInputError(f"{path}: not a readable run configuration ({error})") from error
     return config if config.recording.exists() else None

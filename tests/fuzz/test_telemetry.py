@@ -1,56 +1,23 @@
 """Whatever a file holds: a sound track, or one line that refuses it."""
 
-import os
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from geometry.errors import BadInputError
 from locate.telemetry import TelemetryTrack, read_ground_control, read_telemetry
 from locate.telemetry.track import COLUMNS
+from tests.fuzz.bounds import read_bounded
+from tests.fuzz.damage import NASTY_BYTES, Cut, cuts, damaged, fuzzed
 from tests.locate import recorded
-
-EXAMPLES = int(os.environ.get("LOCATE_FUZZ_EXAMPLES", "60"))
-FUZZED = settings(
-    max_examples=EXAMPLES,
-    deadline=None,
-    derandomize="LOCATE_FUZZ_EXAMPLES" not in os.environ,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-NASTY = [
-    *(b"nan", b"inf", b"-1e999", b"1e308", b"999", b"-0", b"9" * 400, b"0" * 40, b"1/0"),
-    *(b"\n", b"\n\n", b"\r", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b",", b'"', b"\t", b" "),
-    *(b"-->", b"GPS(", b")", b"[", b"]", b"<", b">", b"<!ENTITY a 'b'>", b"\xd9\xa3", b"%n"),
-    *(b"2023-99-99 25:61:61", b"9999-12-31T23:59:59Z", b"0001-01-01 00:00:00", b"99:99:99,999"),
-    *(b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"\0\0\0\0", b"\xa3\x95\x80", b"EPSG:4326\n"),
-]
-
-
-@st.composite
-def damage(draw: st.DrawFn) -> list[tuple[float, float, bytes]]:
-    """Cuts: where each begins (0 to 1), how long it is (bytes over 40), what takes its place."""
-    place = st.floats(0, 1)
-    filling = st.one_of(st.sampled_from(NASTY), st.binary(max_size=8), st.just(b""))
-    return draw(st.lists(st.tuples(place, place, filling), min_size=1, max_size=6))
-
-
-def damaged(content: bytes, cuts: list[tuple[float, float, bytes]]) -> bytes:
-    for place, size, filling in cuts:
-        start = round(place * len(content))
-        content = content[:start] + filling + content[start + round(size * 40) :]
-    return content
 
 
 def check(path: Path) -> None:
-    refusal = ""
-    try:
-        assert_sound(read_telemetry(path))
-    except BadInputError as error:
-        refusal = str(error)
-    assert "\n" not in refusal
+    read_bounded(lambda path: assert_sound(read_telemetry(path)), path)
 
 
 def assert_sound(found: TelemetryTrack) -> None:
@@ -73,19 +40,19 @@ def assert_sound(found: TelemetryTrack) -> None:
 
 
 @pytest.mark.parametrize("name", recorded.TEXTS)
-@FUZZED
-@given(cuts=damage())
-def test_damaged_text(tmp_path: Path, name: str, cuts: list[tuple[float, float, bytes]]) -> None:
+@fuzzed(60)
+@given(found=cuts())
+def test_damaged_text(tmp_path: Path, name: str, found: list[Cut]) -> None:
     path = tmp_path / name
-    path.write_bytes(damaged(recorded.TEXTS[name].encode(), cuts))
+    path.write_bytes(damaged(recorded.TEXTS[name].encode(), found))
     check(path)
 
 
-@FUZZED
-@given(cuts=damage())
-def test_damaged_ground_control(tmp_path: Path, cuts: list[tuple[float, float, bytes]]) -> None:
+@fuzzed(60)
+@given(found=cuts())
+def test_damaged_ground_control(tmp_path: Path, found: list[Cut]) -> None:
     path = tmp_path / "gcp_list.txt"
-    path.write_bytes(damaged(recorded.GCP.encode(), cuts))
+    path.write_bytes(damaged(recorded.GCP.encode(), found))
     try:
         found = read_ground_control(path)
     except BadInputError:
@@ -94,14 +61,14 @@ def test_damaged_ground_control(tmp_path: Path, cuts: list[tuple[float, float, b
 
 
 @pytest.mark.parametrize("name", ["a.ulg", "b.ulg", "a.bin", "a.tlog", "a.jpg", "a.mp4", "a.mkv"])
-@FUZZED
-@given(cuts=damage())
-def test_damaged_binary(tmp_path: Path, name: str, cuts: list[tuple[float, float, bytes]]) -> None:
+@fuzzed(60)
+@given(found=cuts())
+def test_damaged_binary(tmp_path: Path, name: str, found: list[Cut]) -> None:
     whole = tmp_path / f"whole_{name}"
     if not whole.exists():
         write(whole, name)
     path = tmp_path / name
-    path.write_bytes(damaged(whole.read_bytes(), cuts))
+    path.write_bytes(damaged(whole.read_bytes(), found))
     check(path)
 
 
@@ -119,8 +86,10 @@ def write(path: Path, name: str) -> None:
         recorded.write_video(path, codec, recorded.SRT.split("\n\n"))
 
 
-@FUZZED
-@given(content=st.one_of(st.binary(max_size=300), st.lists(st.sampled_from(NASTY)).map(b"".join)))
+@fuzzed(60)
+@given(
+    content=st.one_of(st.binary(max_size=300), st.lists(st.sampled_from(NASTY_BYTES)).map(b"".join))
+)
 def test_noise(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "noise"
     path.write_bytes(content)
@@ -147,8 +116,6 @@ def test_noise(tmp_path: Path, content: bytes) -> None:
     ids=lambda content: content[:40],
 )
 def test_hostile_text_of_a_megabyte_is_answered_in_seconds(tmp_path: Path, content: str) -> None:
-    from time import process_time
-
     (tmp_path / "a").write_text(content)
     started_s = process_time()
     check(tmp_path / "a")

@@ -1,0 +1,155 @@
+"""What fuzzing found, each as a small test of its kind."""
+
+import json
+import struct
+import zlib
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import av
+import numpy as np
+import pytest
+
+from detect.detection import Detection
+from geometry.errors import BadInputError
+from geometry.npz import read_npz, save_arrays
+from geometry.pose_files import read_poses, write_transforms_json
+from geometry.printable import printable, printable_lines
+from locate.commands.console import PlainConsole
+from locate.export.kml import write_kml
+from locate.pipeline.placement import Placement
+from locate.pipeline.points import load_points
+from locate.recording.images import read_grey
+from locate.recording.index import KeyFrames
+from locate.recording.recording import open_recording
+from locate.survey.flights import read_config
+from tests.fuzz.bounds import read_bounded
+from tests.locate.answers import orbit
+from tests.locate.survey_runs import FIELD, Flown, answer
+
+NASTY_NAME = "a\x1b[2J\x07\n[bold]b[/bold] :smile: \u2028\x9b"
+
+
+def test_names_are_printed_on_one_line_without_control() -> None:
+    shown = printable(NASTY_NAME)
+    assert shown == r"a\x1b[2J\x07\x0a[bold]b[/bold] :smile: \u2028\x9b"
+    assert printable_lines("a\n\tb\r") == "a\n\tb\\x0d"
+
+
+def test_every_refusal_is_one_line_without_control() -> None:
+    said = str(BadInputError(f"{NASTY_NAME}: not readable (line 1\n  line 2\n\n)"))
+    assert len(said.splitlines()) == 1
+    assert said.isprintable()
+    assert "(line 1 line 2 )" in said
+
+
+def test_the_console_prints_names_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    PlainConsole(width=200).print(f"Report: /{NASTY_NAME}/[/]", soft_wrap=True)
+    said = capsys.readouterr().out
+    assert "[bold]b[/bold] :smile:" in said
+    assert said.endswith("/[/]\n")
+    assert "\x1b" not in said
+    assert "\x07" not in said
+
+
+def test_kml_holds_notes_with_control_characters(tmp_path: Path) -> None:
+    found = answer(Flown(name="a", feet=np.zeros((1, 3))), FIELD)
+    write_kml(tmp_path / "a.kml", replace(found, notes=(f"{NASTY_NAME}: damaged",)))
+    text = "".join(ElementTree.parse(tmp_path / "a.kml").getroot().itertext())
+    assert r"a\x1b[2J" in text
+
+
+@pytest.mark.parametrize("dtype", ["c8", "M8[s]", "V4", "S3"])
+def test_arrays_that_are_no_real_numbers_are_refused(tmp_path: Path, dtype: str) -> None:
+    save_arrays(tmp_path / "a.npz", a=np.zeros(2, dtype))
+    with pytest.raises(BadInputError, match="are not read"):
+        read_npz(tmp_path / "a.npz")
+    with pytest.raises(BadInputError, match="are not read"):
+        Detection.load(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    "points", [np.zeros((2, 2)), np.zeros(3), np.full((1, 3), np.nan), np.array([["a"] * 3])]
+)
+def test_points_of_another_shape_are_refused(tmp_path: Path, points: np.ndarray) -> None:
+    save_arrays(tmp_path / "points.npz", points_in_world=points)
+    with pytest.raises(BadInputError, match="points"):
+        load_points(tmp_path / "points.npz")
+    save_arrays(tmp_path / "points.npz", other=points)
+    with pytest.raises(BadInputError, match="points"):
+        load_points(tmp_path / "points.npz")
+
+
+@pytest.mark.parametrize("text", ["[]", "{}", "{", '{"alignment": 3}', '{"alignment": null}'])
+def test_a_damaged_placement_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "placement.json").write_text(text)
+    with pytest.raises(BadInputError, match=r"placement\.json"):
+        Placement.load(tmp_path / "placement.json")
+
+
+@pytest.mark.parametrize("text", ["recording: a\nmax_frames: x\n", "a: [", "- a"])
+def test_a_damaged_run_configuration_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / "config.yaml").write_text(text)
+    with pytest.raises(BadInputError, match=r"config\.yaml") as refused:
+        read_config(tmp_path)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"width": None}, {"height": 0}, {"frames": [{"index": 0.5}]}, {"focal_prior_px": "nan"}, {}],
+)
+def test_a_damaged_index_of_frames_is_refused(tmp_path: Path, changed: dict[str, object]) -> None:
+    frame = {"index": 0, "time_s": 0.0, "source": "a", "sharpness": 1.0, "motion_px": 0.0}
+    good = {"frames": [frame], "width": 4, "height": 4, "is_video": True, "static": False}
+    content = {"schema": "locate.frames/1", **good} | changed if changed else []
+    (tmp_path / "index.json").write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match=r"index\.json"):
+        KeyFrames.load(tmp_path / "index.json")
+
+
+def test_rotations_whose_squares_overflow_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "transforms.json"
+    write_transforms_json(orbit(3), path)
+    content = json.loads(path.read_text())
+    content["frames"][0]["transform_matrix"][0][0] = 1e200
+    path.write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match="skewed or scaled"):
+        read_poses(path)
+
+
+def png(side: int) -> bytes:
+    """A black square, by its header; it holds fewer rows."""
+
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        checked = kind + body
+        return struct.pack(">I", len(body)) + checked + struct.pack(">I", zlib.crc32(checked))
+
+    head = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes(100 * (side + 1)))
+    start = b"\x89PNG\r\n\x1a\n"
+    return start + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def test_an_image_of_more_pixels_than_cameras_have_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(png(30_000))
+    with pytest.raises(BadInputError, match="over 268 megapixels"):
+        read_grey(tmp_path / "a.png")
+    read_bounded(open_recording, tmp_path / "a.png")
+
+
+def test_a_video_of_more_pixels_than_cameras_have_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=5)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "gray"
+        frame = av.VideoFrame.from_ndarray(np.zeros((64, 64), np.uint8), format="gray")
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert next(iter(open_recording(path).frames())).image.shape == (64, 64)
+    monkeypatch.setattr("locate.recording.video.MOST_PIXELS", 64 * 63)
+    with pytest.raises(BadInputError, match="megapixels"):
+        open_recording(path)

@@ -1,0 +1,65 @@
+"""Whatever a file holds: every reader gives a result or one clear line, soon and in little memory.
+
+`make fuzz` runs more examples.
+"""
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+
+from geometry.npz import save_arrays
+from tests.fuzz.bounds import read_bounded
+from tests.fuzz.damage import Bend, Cut, Twist, bends, bent, cuts, damaged, fuzzed, twisted, twists
+from tests.fuzz.readers import READERS, Reader
+
+DOCUMENTS = [name for name, reader in READERS.items() if reader.structure in ("json", "yaml")]
+ARCHIVES = [name for name, reader in READERS.items() if reader.structure == "npz"]
+
+
+@pytest.fixture
+def place(tmp_path: Path, request: pytest.FixtureRequest) -> tuple[Reader, Path, bytes]:
+    """The reader of that name, its file, and what that holds while it is whole."""
+    reader = READERS[request.param]
+    reader.write(tmp_path)
+    path = tmp_path / reader.file
+    reader.read(path)
+    return reader, path, path.read_bytes()
+
+
+@pytest.mark.parametrize("place", READERS, indirect=True)
+@fuzzed(30)
+@given(found=cuts())
+def test_damaged_bytes(place: tuple[Reader, Path, bytes], found: list[Cut]) -> None:
+    reader, path, whole = place
+    path.write_bytes(damaged(whole, found))
+    read_bounded(reader.read, path)
+
+
+@pytest.mark.parametrize("place", DOCUMENTS, indirect=True)
+@fuzzed(60)
+@given(found=twists())
+def test_strange_values(place: tuple[Reader, Path, bytes], found: list[Twist]) -> None:
+    reader, path, whole = place
+    if reader.structure == "json":
+        text = json.dumps(twisted(json.loads(whole), found))
+    else:
+        text = yaml.safe_dump(twisted(yaml.safe_load(whole), found))
+    path.write_bytes(text.encode(errors="surrogatepass"))
+    read_bounded(reader.read, path)
+
+
+@pytest.mark.parametrize("place", ARCHIVES, indirect=True)
+@fuzzed(60)
+@given(found=bends())
+def test_strange_arrays(place: tuple[Reader, Path, bytes], found: list[Bend]) -> None:
+    reader, path, whole = place
+    with np.load(io.BytesIO(whole)) as file:
+        arrays: dict[str, Any] = bent(dict(file), found)
+    save_arrays(path, **arrays)
+    read_bounded(reader.read, path)
