@@ -200,6 +200,19 @@ def test_what_holds_no_frames_is_left_out(
     assert "away | skipped: no folder" in capsys.readouterr().out
 
 
+def test_what_was_filmed_elsewhere_is_a_case(tmp_path: Path) -> None:
+    films = tmp_path / "films"
+    (films / "0.3px").mkdir(parents=True)
+    (films / "0.3px" / "truth.json").touch()
+    assert why_skipped(films) == ""
+    options = argparse.Namespace(strengths=[0, 0.3, 1], places=[0, 3], work=tmp_path / "work")
+    cases = list(cases_of(films, options))
+    assert [case.folder.name for case in cases] == ["0.3px_0", "1px_0"]
+    assert [case.filmed for case in cases] == [True, False]
+    assert cases[0].frames == films / "0.3px" / "frames"
+    assert cases[0].folder.parent == tmp_path / "work" / "films"
+
+
 def test_plumes_stand_where_they_should() -> None:
     rng = np.random.default_rng(2)
     centers = np.stack([np.linspace(-1, 1, 20), np.zeros(20), np.full(20, 1.5)], axis=1)

@@ -10,6 +10,9 @@ plume, and its poses and sparse points place the plumes. Six plumes each are ren
 turns far before their background and near it, 0.1, 0.3 and 1 px strong. `run` runs `locate run` on
 each and scores it; `table` prints the scores and writes scores.jsonl.
 
+A folder with `1px/frames`, `1px/truth` and `1px/truth.json`, as `locate simulate --onto` writes
+them, and other strengths beside it, is filmed already: it is only run and scored.
+
 A case is a folder and is skipped once it is done; delete its `score_*.json` when the method has
 changed. The work folder holds copies of the frames: leave it out of what you publish.
 """

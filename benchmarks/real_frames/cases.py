@@ -21,40 +21,56 @@ class Case:
     Attributes:
         recording: The folder of its frames.
         folder: What belongs to the case.
+        film: What `locate simulate --onto` wrote: frames/, truth/ and truth.json.
         strength_px: 95th percentile of |w|.
         place: Number of the place; None without a plume.
     """
 
     recording: Path
     folder: Path
+    film: Path
     strength_px: float
     place: int | None
 
     @property
     def frames(self) -> Path:
         """The folder that `locate run` is given."""
-        return self.recording if self.place is None else self.folder / "frames"
+        return self.recording if self.place is None else self.film / "frames"
 
     @property
     def filmed(self) -> bool:
-        return self.place is None or (self.folder / "truth.json").exists()
+        return self.place is None or (self.film / "truth.json").exists()
 
 
 def plain_case(recording: Path, work: Path) -> Case:
     """The recording as it is."""
     folder = work / recording.name / "plain"
-    return Case(recording=recording, folder=folder, strength_px=0.0, place=None)
+    return Case(recording=recording, folder=folder, film=folder, strength_px=0.0, place=None)
+
+
+def is_filmed(recording: Path) -> bool:
+    """Whether it is no recording, but holds what was filmed elsewhere: 1px/truth.json and so on."""
+    return any(recording.glob("*px/truth.json"))
 
 
 def cases_of(recording: Path, options: argparse.Namespace) -> Iterator[Case]:
     """Those asked for; without a plume all places are one case."""
+    elsewhere = is_filmed(recording)
     for strength_px in options.strengths:
         if strength_px == 0:
-            yield plain_case(recording, options.work)
+            if not elsewhere:
+                yield plain_case(recording, options.work)
             continue
-        for place in options.places:
+        for place in [0] if elsewhere else options.places:
             folder = options.work / recording.name / f"{strength_px:g}px_{place}"
-            yield Case(recording=recording, folder=folder, strength_px=strength_px, place=place)
+            film = recording / f"{strength_px:g}px" if elsewhere else folder
+            yield Case(
+                recording=recording,
+                folder=folder,
+                film=film,
+                strength_px=strength_px,
+                place=place,
+            )
 
 
 def usable(options: argparse.Namespace) -> list[Path]:
@@ -73,6 +89,8 @@ def why_skipped(recording: Path) -> str:
     """What is missing; empty where nothing is."""
     if not recording.is_dir():
         return f"no folder {recording}"
+    if is_filmed(recording):
+        return ""
     count = sum(path.suffix.lower() in PHOTO_SUFFIXES for path in recording.iterdir())
     if count < FEWEST:
         return f"{count} frames in it, at least {FEWEST} are needed"

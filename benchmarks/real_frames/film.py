@@ -3,7 +3,14 @@
 import argparse
 import time
 
-from benchmarks.real_frames.cases import Case, add_case_arguments, cases_of, plain_case, usable
+from benchmarks.real_frames.cases import (
+    Case,
+    add_case_arguments,
+    cases_of,
+    is_filmed,
+    plain_case,
+    usable,
+)
 from benchmarks.real_frames.places import NoPosesError, posed_photos, put_plume
 from benchmarks.real_frames.run import OWN, score_case
 from locate.simulation import render_strengths_onto_set
@@ -15,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> None:
     for recording in usable(options):
+        if is_filmed(recording):
+            continue
         plain = plain_case(recording, options.work)
         print(score_case(plain, OWN), flush=True)
         try:

@@ -21,7 +21,7 @@ def score_case(case: Case, poses: str) -> str:
     """Runs a case, unless it is done; a line that says what came out."""
     path = score_path(case, poses)
     if not path.exists():
-        given = case.folder / "truth.json" if poses == FILMED else None
+        given = case.film / "truth.json" if poses == FILMED else None
         config = RunConfig(recording=case.frames, poses=given)
         run_case(case, config, poses).save(path)
     return CaseScore.load(path).line()

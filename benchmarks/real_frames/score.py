@@ -107,7 +107,7 @@ def score_map(case: Case, run: Path, plume_map: PlumeMap, poses: str, cpu_s: flo
     )
     if case.place is None:
         return score
-    evaluation = evaluate_map(plume_map, trajectory, case.folder)
+    evaluation = evaluate_map(plume_map, trajectory, case.film)
     hits = evaluation.plumes
     ratios = [] if trajectory is None else ratios_of(case, files, trajectory, indices, found)
     return replace(
@@ -129,7 +129,7 @@ def ratios_of(
     indices: Sequence[int],
     found: Sequence[Detection],
 ) -> list[FrameRatios]:
-    truth = SceneTruth.load(case.folder)
+    truth = SceneTruth.load(case.film)
     camera = trajectory.camera
     images = FrameImages([files.frames / f"{index:06d}.png" for index in indices], camera)
     ratios = []
