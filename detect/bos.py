@@ -129,7 +129,12 @@ def flow_sigma(reference: GreyImage, image: GreyImage, displacement: FloatMap) -
     gx, gy = gradients((registered + image) / 2)
     xx, xy, yy = structure_tensor(gx, gy, WINDOW_PX)
     pixels_in_window = 4 * np.pi * WINDOW_PX**2
-    determinant = np.maximum(xx * yy - xy * xy, 0)
-    with np.errstate(divide="ignore"):
-        variance = leftover * (xx + yy) / (2 * pixels_in_window * determinant)
+    determinant = xx * yy - xy * xy
+    variance = np.full_like(leftover, np.inf)
+    np.divide(
+        leftover * (xx + yy),
+        2 * pixels_in_window * determinant,
+        out=variance,
+        where=determinant > 0,
+    )
     return np.sqrt(variance + METHOD_FLOOR_PX**2).astype(np.float32)

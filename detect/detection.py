@@ -72,11 +72,13 @@ class Detection:
         )
 
     def save(self, path: Path) -> None:
-        """Writes a float16 .npz, whole or not at all."""
+        """Writes a float16 .npz, whole or not at all; what that cannot hold becomes infinite."""
         arrays = {"displacement": self.displacement, "sigma_px": self.sigma_px, "llr": self.llr}
         if self.inverse_depth is not None:
             arrays["inverse_depth"] = self.inverse_depth
-        save_arrays(path, **{name: array.astype(np.float16) for name, array in arrays.items()})
+        with np.errstate(over="ignore"):
+            halves = {name: array.astype(np.float16) for name, array in arrays.items()}
+        save_arrays(path, **halves)
 
     @classmethod
     def load(cls, path: Path) -> Self:

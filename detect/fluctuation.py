@@ -102,7 +102,7 @@ def shifts_px(images: Sequence[GreyImage]) -> FloatMap:
     that light may change; shifts of the whole image are taken out. Patterns finer than the window
     of `WINDOW_PX` are lessened.
     """
-    tones = [_relative_tone(image) for image in images]
+    tones = [relative_tone(image) for image in images]
     usual = np.mean([tone.std() for tone in tones])
     tones = [tone * (usual / max(float(tone.std()), 1e-6)) for tone in tones]
     mean = np.mean(tones, axis=0)
@@ -120,7 +120,8 @@ def autocovariance(shifts: FloatMap, lag: int) -> FloatMap:
     return blur(products.astype(np.float32), POOL_PX)
 
 
-def _relative_tone(image: GreyImage) -> FloatMap:
+def relative_tone(image: np.ndarray) -> FloatMap:
+    """(H, W) logarithm of an image relative to that of its surroundings, in `GREY_LEVELS`."""
     tone = blur(np.log(image + np.float32(DARKEST)), PRESMOOTHING_PX)
     return np.asarray(GREY_LEVELS * (tone - blur(tone, SHADING_PX)))
 

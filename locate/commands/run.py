@@ -22,7 +22,9 @@ def run(
     weights: Weights = None,
     poses: Annotated[
         Path | None,
-        typer.Option(help="Known poses: TUM, COLMAP model, transforms.json, trajectory.json."),
+        typer.Option(
+            help="Known poses: list of TUM, EuRoC or KITTI, COLMAP model, transforms.json."
+        ),
     ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="A JSON file with a camera block as in trajectory.json.")
@@ -33,6 +35,10 @@ def run(
     telemetry: Annotated[
         Path | None,
         typer.Option(help="GPS beside the recording: SRT, GPX, CSV, autopilot log, photos."),
+    ] = None,
+    telemetry_offset: Annotated[
+        float | None,
+        typer.Option(help="Time of the telemetry minus that of the video, s; else estimated."),
     ] = None,
     camera_height: Annotated[
         float | None,
@@ -55,6 +61,9 @@ def run(
     world_frame: Annotated[
         str | None, typer.Option(help="Of a bag's TF: the frame of the map, Z up; else map.")
     ] = None,
+    shot: Annotated[
+        int | None, typer.Option(min=1, help="Of a video with cuts: the shot to use; else longest.")
+    ] = None,
     max_frames: Annotated[int, typer.Option(min=2, help="The most frames to use.")] = 120,
     force: Annotated[bool, typer.Option("--force", help="Do every stage again.")] = False,
     verbose: Verbose = False,
@@ -68,12 +77,14 @@ def run(
         camera=camera,
         focal_px=focal,
         telemetry=telemetry,
+        telemetry_offset_s=telemetry_offset,
         camera_height_m=camera_height,
         board=board,
         distance=distance,
         image_topic=image_topic,
         pose_topic=pose_topic,
         world_frame=world_frame,
+        shot=shot,
         max_frames=max_frames,
     )
     _run(config, output, force=force, verbose=verbose)

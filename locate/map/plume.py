@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
+from detect.haze import Haze
 from geometry.arrays import FloatArray
 from geometry.covariance import principal_sigmas
 from geometry.errors import BadInputError
@@ -117,6 +118,7 @@ class PlumeMap:
             ``origin_lat_deg, origin_lon_deg, origin_height_m, height_datum``; None where unknown.
         plumes: The plumes, strongest evidence first.
         bearings: Directions to plumes, from a camera that stood still.
+        haze: Moving air all over the image of such a camera; None where there is none.
         detection_limit_px: Mean displacement of the weakest plume that would have been found in
             half of the places observed; None where none would, or it was not computed.
         detection_limit_k: The same as a temperature difference, K; only in a metric map.
@@ -139,6 +141,7 @@ class PlumeMap:
     georeference: dict[str, Any] | None = None
     plumes: tuple[Plume, ...] = ()
     bearings: tuple[Bearing, ...] = ()
+    haze: Haze | None = None
     detection_limit_px: float | None = None
     detection_limit_k: float | None = None
     notes: tuple[str, ...] = ()
@@ -154,12 +157,24 @@ class PlumeMap:
             count = len(self.bearings)
             return "One direction found." if count == 1 else f"{count} directions found."
         found = {0: "None found", 1: "One found"}.get(len(self.plumes), f"{len(self.plumes)} found")
+        if self.haze is not None:
+            return self.haze_text()
         if self.detection_limit_px is None:
             return f"{found}; the weakest plume that would have been seen is not known."
         kelvin = self.detection_limit_k
         heat = "" if kelvin is None else f", about {kelvin:.2g} K warmer than the air,"
         size = f"{self.detection_limit_px:.2g} px"
         return f"{found}; a plume of {size}{heat} would have been seen in half of the places."
+
+    def haze_text(self) -> str:
+        """How strong the haze is and where, as one sentence; empty where there is none."""
+        if self.haze is None:
+            return ""
+        heights = [px for px in self.haze.by_height() if px is not None]
+        size = f"{self.haze.rms_px:.2g} px rms"
+        if len(heights) > 1:
+            size += f", {heights[0]:.2g} px at the top and {heights[-1]:.2g} px at the bottom"
+        return f"Haze: the air moves all over the image, {size}; no single plume stands out of it."
 
     def to_dict(self) -> dict[str, Any]:
         """The content of map.json, schema ``locate.map/1``."""
@@ -175,7 +190,13 @@ class PlumeMap:
         fields = checked_fields(content)
         plumes = tuple(Plume(**plume) for plume in fields.pop("plumes"))
         bearings = tuple(Bearing(**bearing) for bearing in fields.pop("bearings"))
-        return cls(**fields, plumes=plumes, bearings=bearings)
+        haze = fields.pop("haze")
+        return cls(
+            **fields,
+            plumes=plumes,
+            bearings=bearings,
+            haze=None if haze is None else Haze(**haze),
+        )
 
     def save(self, path: str | Path) -> None:
         """Writes map.json.

@@ -41,6 +41,11 @@ class _BearingFile(BaseModel):
     displacement_px: FiniteFloat
 
 
+class _HazeFile(BaseModel):
+    rms_px: float = Field(gt=0, allow_inf_nan=False)
+    cells_px: tuple[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)] | None, ...], ...]
+
+
 class _TransformFile(BaseModel):
     scale: float = Field(gt=0)
     rotation_xyzw: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
@@ -78,6 +83,7 @@ class _MapFile(BaseModel):
     georeference: _GeoreferenceFile | None
     plumes: tuple[_PlumeFile, ...]
     bearings: tuple[_BearingFile, ...] = ()
+    haze: _HazeFile | None = None
     detection_limit_px: FiniteFloat | None
     detection_limit_k: FiniteFloat | None = None
     notes: tuple[str, ...] = ()

@@ -24,12 +24,14 @@ class RunConfig(BaseModel):
         focal_px: Focal length in px of the recording's own size.
         telemetry: A file that says where the camera was; the recording's own metadata and files
             of its name if left out.
+        telemetry_offset_s: Its time minus the video's; estimated from the motion if left out.
         image_topic: Of a bag; needed where it has several.
         pose_topic: Of a bag: odometry or a pose; ``tf`` for TF, which is taken if it is there.
         world_frame: Of a bag's TF; ``map`` if left out.
         camera_height_m: Of the cameras above the ground, if known; it sets the scale.
         board: A printed board of markers in the scene; it sets the scale.
         distance: A JSON file with the distance of two points of the scene; it sets the scale.
+        shot: Of a video with cuts, the shot to use, from 1; the longest if left out.
         max_frames: The most frames that are used.
         max_side: Frames larger than this (px) are shrunk to it.
         detection_frames: In how many of them refraction is measured.
@@ -51,12 +53,14 @@ class RunConfig(BaseModel):
     camera: Path | None = None
     focal_px: float | None = Field(default=None, gt=0)
     telemetry: Path | None = None
+    telemetry_offset_s: float | None = Field(default=None, allow_inf_nan=False)
     image_topic: str | None = None
     pose_topic: str | None = None
     world_frame: str | None = None
     camera_height_m: float | None = Field(default=None, gt=0)
     board: str | None = None
     distance: Path | None = None
+    shot: int | None = Field(default=None, ge=1)
     max_frames: int = Field(default=120, ge=2)
     max_side: int = Field(default=1280, ge=64)
     detection_frames: int = Field(default=16, ge=1)

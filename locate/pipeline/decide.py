@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from detect.detection import Detection
+from detect.haze import measure_haze
 from detect.registry import DetectorChoice
 from geometry.printable import printable
 from geometry.refraction import temperature_rise_k
@@ -111,8 +112,14 @@ def map_bearings(
     found: Sequence[Detection], detector: DetectorChoice, posed: PosedFrames, *, seed: int
 ) -> PlumeMap:
     """The map of a camera at rest: directions to plumes."""
+    images = posed.steady()
+    haze = measure_haze(images)
     seen = find_bearings(
-        found, posed.camera.undistorted(), consecutive=posed.longest_sequence(), seed=seed
+        found,
+        posed.camera.undistorted(),
+        consecutive=images[posed.longest_sequence()],
+        haze=haze,
+        seed=seed,
     )
     return PlumeMap(
         units="scene",
@@ -120,6 +127,7 @@ def map_bearings(
         detector=detector.name,
         version=__version__,
         bearings=seen.bearings,
+        haze=haze,
         notes=(ONE_VIEWPOINT, *seen.notes),
     )
 

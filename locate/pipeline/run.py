@@ -20,7 +20,7 @@ from locate.pipeline.left_out import left_out_notes
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
 from locate.pipeline.source import RecordingSource
-from locate.recording import KeyFrames
+from locate.recording import KeyFrames, Recording
 from locate.recording.posed_frames import PosedFrames
 from locate.telemetry import read_telemetry
 
@@ -102,31 +102,48 @@ class Run:
     def _choose_frames(self) -> KeyFrames:
         recording = self.source.open_frames(self.config.max_side)
         self.folder.save_config(self.config.to_plain())
+        at_rest = self._may_rest and self.folder.is_done(
+            "frames", inputs=self._frame_inputs(at_rest=True), code=(frames,)
+        )
+        return self._write_frames(recording, at_rest=at_rest)
+
+    def _frame_inputs(self, *, at_rest: bool) -> dict[str, Any]:
+        return {**self.source.frame_inputs(), "at_rest": at_rest}
+
+    def _write_frames(self, recording: Recording, *, at_rest: bool) -> KeyFrames:
         self.folder.stage(
             "frames",
-            inputs=self.source.frame_inputs(),
+            inputs=self._frame_inputs(at_rest=at_rest),
             code=(frames,),
             build=lambda folder: frames.write_key_frames(
                 recording,
                 RunFiles(folder),
                 max_frames=self.config.max_frames,
+                at_rest=at_rest,
+                shot=self.config.shot,
                 report=self._report,
             ),
         )
         return KeyFrames.load(self.files.frame_index)
 
+    @property
+    def _may_rest(self) -> bool:
+        """Whether a camera at rest can be made use of, if this turns out to be one."""
+        return self.config.detector in ("auto", "dybs") and self.config.poses is None
+
     def _plan_measurement(self, key_frames: KeyFrames) -> MeasurementPlan:
         """Finds out whether the camera moved, registers the frames if so, chooses the detector."""
-        asked = self.config.detector
-        may_rest = asked in ("auto", "dybs")
-        if asked == "bos" or (may_rest and key_frames.static and self.config.poses is None):
+        found_at_rest = key_frames.static and self._may_rest
+        if self.config.detector == "bos" or found_at_rest:
             return self._plan_at_rest(key_frames)
         try:
             self._register(key_frames)
         except RegistrationError as error:
-            if may_rest and error.failure is RegistrationFailure.STATIC_CAMERA:
-                return self._plan_at_rest(key_frames)
-            raise
+            if not self._may_rest or error.failure is not RegistrationFailure.STATIC_CAMERA:
+                raise
+            # The frames were chosen as of a moving camera.
+            recording = self.source.open_frames(self.config.max_side)
+            return self._plan_at_rest(self._write_frames(recording, at_rest=True))
         return MeasurementPlan(
             key_frames=key_frames,
             posed=poses.frames_with_poses(self.files, key_frames),

@@ -195,6 +195,19 @@ class RunFolder:
             if self._valid_stamp(name, fingerprint) is None:
                 build(self._partial(name, fingerprint))
 
+    def is_done(
+        self, name: str, *, inputs: Mapping[str, object], code: Sequence[ModuleType] = ()
+    ) -> bool:
+        """Whether a stage that reads no other's results was done with these inputs.
+
+        Args:
+            name: As of `stage`.
+            inputs: Likewise.
+            code: Likewise.
+        """
+        stamp = None if self._force else Stamp.load(self._stamp_path(name))
+        return stamp is not None and stamp.fingerprint == self._fingerprint(name, (), inputs, code)
+
     def _fingerprint(
         self,
         name: str,

@@ -111,6 +111,7 @@ class RecordingSource:
             "recording": fingerprint_path(config.recording),
             "max_frames": config.max_frames,
             "max_side": config.max_side,
+            "shot": config.shot,
         }
         return inputs if self.bag is None else inputs | {"image_topic": config.image_topic}
 

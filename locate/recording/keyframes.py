@@ -27,6 +27,8 @@ def select_frames(
     *,
     max_frames: int = 120,
     target_motion: float = TARGET_MOTION,
+    at_rest: bool = False,
+    shot: int | None = None,
     progress: Progress | None = None,
 ) -> KeyFrames:
     """Chooses key frames and writes them as grey PNG files ``folder/{index:06d}.png``.
@@ -42,6 +44,8 @@ def select_frames(
         folder: Where to write; made where it is missing.
         max_frames: The most frames to keep.
         target_motion: Median image motion wanted between neighbours, as a share of the width.
+        at_rest: The camera is known to have been at rest, however the image moves.
+        shot: Of a video, the one to use, from 1; None for the longest.
         progress: Called with a stage name and the fraction of the whole call, which never falls:
             measuring motion is the first half, writing the second; -1 while measuring where the
             length is unknown.
@@ -52,9 +56,9 @@ def select_frames(
     Raises:
         BadInputError: Fewer than two frames that show anything, or frames that cannot be used.
     """
-    watched = watch_recording(recording, target_motion, progress)
-    every, spaced = watched.frames, watched.spaced
-    if watched.still:
+    watched = watch_recording(recording, target_motion, progress, shot=shot)
+    every, spaced, still = watched.frames, watched.spaced, at_rest or watched.still
+    if still:
         chosen = _at_rest(every, max_frames, in_time=recording.is_video)
     elif recording.is_video and len(spaced) >= MIN_KEY_FRAMES:
         chosen = _spread_evenly(spaced, np.arange(len(spaced)), max_frames)
@@ -66,7 +70,7 @@ def select_frames(
         width=recording.width,
         height=recording.height,
         is_video=recording.is_video,
-        static=watched.still,
+        static=still,
         focal_prior_px=recording.focal_prior_px,
         focal_source=recording.focal.source if recording.focal else None,
         warnings=(*recording.warnings, *watched.notes),

@@ -1,7 +1,7 @@
 """Photos of several lenses, zooms or sizes in one folder: a run has one camera."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,8 @@ MODEL, LENS = 0x0110, 0xA434
 """Tags of EXIF that tell cameras and lenses apart."""
 TURNED = (5, 6, 7, 8)
 """Values of the orientation that swap the sides."""
+QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}
+"""By how many quarter turns clockwise a photo is shown, by its orientation; others mirror it."""
 JPEG_START, JPEG_SIZES = b"\xff\xd8", {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """How a JPEG file begins, and which of its segments state the size (ITU T.81, table B.1)."""
 NAMED_GROUPS = 4
@@ -39,16 +41,19 @@ class PhotoOptics:
         names: Of the camera and of the lens, empty where not stated.
         focals: Focal length over the longest side, in mm, in mm of 35 mm film, and the digital
             zoom; 0 where not stated.
+        turn: By how many quarter turns clockwise it is shown; None where that is not stated.
     """
 
     size: tuple[int, int] | None
     names: tuple[str, str]
     focals: tuple[float, float, float, float]
+    turn: int | None = None
 
     def is_like(self, other: "PhotoOptics") -> bool:
-        """Whether one camera model may stand for both."""
+        """Whether one camera model may stand for both, portrait and landscape."""
         near = np.isclose(self.focals, other.focals, rtol=SAME_FOCAL, atol=0)
-        return self.size == other.size and self.names == other.names and bool(near.all())
+        sizes = sorted(self.size or ()), sorted(other.size or ())
+        return sizes[0] == sizes[1] and self.names == other.names and bool(near.all())
 
     def describe(self) -> str:
         """Its size and focal length, for people."""
@@ -75,20 +80,33 @@ def optics_of_photo(path: Path) -> PhotoOptics:
         size=size,
         names=(texts.get(MODEL, ""), texts.get(LENS, "")),
         focals=(stated[0], stated[1], stated[2], zoom),
+        turn=QUARTER_TURNS.get(int(tags.get(ORIENTATION, 0))),
     )
 
 
-def keep_one_camera(photos: Sequence[Path]) -> tuple[list[int], str | None]:
-    """The rows of the largest group of photos that one camera model may stand for, and a note.
+@dataclass(frozen=True, kw_only=True)
+class OneCamera:
+    """The photos of a folder that one camera model may stand for.
+
+    Attributes:
+        rows: Theirs among all.
+        turns: Row of each that is portrait where most are landscape, or the reverse, with the
+            quarter turns counterclockwise that make it like them.
+        notes: What a reader must know of these and of the photos that are left out.
+    """
+
+    rows: tuple[int, ...]
+    turns: Mapping[int, int]
+    notes: tuple[str, ...]
+
+
+def keep_one_camera(photos: Sequence[Path]) -> OneCamera:
+    """The largest group of photos that one camera model may stand for.
 
     Photos that cannot be read stay, so that reading them says what is wrong.
 
     Args:
         photos: All that were given, in order.
-
-    Returns:
-        The rows that are kept, and what a reader must know of the others; None where there are
-        none.
     """
     every = [optics_of_photo(photo) for photo in photos]
     groups: list[list[int]] = []
@@ -100,11 +118,37 @@ def keep_one_camera(photos: Sequence[Path]) -> tuple[list[int], str | None]:
             groups.append([row])
         else:
             group.append(row)
-    if len(groups) < 2:
-        return list(range(len(photos))), None
+    if not groups:
+        return OneCamera(rows=tuple(range(len(photos))), turns={}, notes=())
     groups.sort(key=len, reverse=True)
     unreadable = [row for row, optics in enumerate(every) if optics.size is None]
-    return sorted(groups[0] + unreadable), _describe_groups(photos, every, groups)
+    notes = [_describe_groups(photos, every, groups)] if len(groups) > 1 else []
+    turns = _turns_of(groups[0], every)
+    if turns:
+        notes.append(
+            f"{len(turns)} of {len(groups[0])} photos are turned by 90 degrees, so that portrait "
+            f"and landscape are of one camera ({photos[min(turns)].name} ...)."
+        )
+    return OneCamera(rows=tuple(sorted(groups[0] + unreadable)), turns=turns, notes=tuple(notes))
+
+
+def _turns_of(group: list[int], every: list[PhotoOptics]) -> dict[int, int]:
+    """Quarter turns counterclockwise of the photos that are not as wide as most of the group.
+
+    By their stated orientations they become as the sensor saw the others; one that states none is
+    turned either way, which another camera in the same place would explain as well.
+    """
+    sizes = [every[row].size for row in group]
+    usual = max(sizes, key=sizes.count)
+    turned_as = [every[row].turn for row in group if every[row].size == usual]
+    reference = max(turned_as, key=turned_as.count)
+    turns = {}
+    for row in group:
+        optics = every[row]
+        if optics.size != usual:
+            apart = 1 if optics.turn is None or reference is None else optics.turn - reference
+            turns[row] = apart % 4 if apart % 2 else 1
+    return turns
 
 
 def _describe_groups(

@@ -8,7 +8,8 @@ import numpy as np
 
 from detect.detection import Frames
 from detect.fluctuation import longest_run
-from geometry.arrays import FloatArray, GreyImage, IntArray
+from detect.steady import SteadyImages
+from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.stretch import Stretch
 from geometry.trajectory import Trajectory
@@ -40,10 +41,21 @@ class PosedFrames:
     stretch: Stretch | None = None
 
     def undistorted(self) -> Frames:
-        """The frames, undistorted, with the pinhole camera that would have taken them so."""
+        """The frames, undistorted, with the pinhole camera that would have taken them so.
+
+        Those of a camera at rest are without its shaking.
+        """
+        if self.trajectory is None:
+            return Frames(images=self.steady())
+        return Frames(images=self._images(), trajectory=self.undistorted_trajectory())
+
+    def steady(self) -> SteadyImages:
+        """The frames of a camera at rest, undistorted and without its shaking."""
+        return SteadyImages(self._images())
+
+    def _images(self) -> FrameImages:
         paths = [self.folder / name for name in self.names]
-        images = FrameImages(paths, self.camera, self.stretch)
-        return Frames(images=images, trajectory=self.undistorted_trajectory())
+        return FrameImages(paths, self.camera, self.stretch)
 
     def undistorted_trajectory(self) -> Trajectory | None:
         """The poses with the pinhole camera of the undistorted frames."""
@@ -51,11 +63,11 @@ class PosedFrames:
             return None
         return replace(self.trajectory, camera=self.camera.undistorted())
 
-    def longest_sequence(self) -> Sequence[GreyImage]:
-        """The frames, undistorted, of the longest run that follow each other closely in time."""
+    def longest_sequence(self) -> slice:
+        """The rows of the longest run of frames that follow each other closely in time."""
         if self.times_s is None:
-            return ()
-        return self.undistorted().images[longest_run(self.times_s, CLOSELY_S)]
+            return slice(0)
+        return longest_run(self.times_s, CLOSELY_S)
 
     def image_motion_px(self) -> float:
         """How far the image moves from the first frame to the middle and the last, median, px."""

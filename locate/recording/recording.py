@@ -1,6 +1,6 @@
 """A recording: a video or photos, read frame by frame at the working size."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -50,6 +50,7 @@ class Recording:
         stretch: How samples of more than 8 bits are shown in 8; None where they need no stretch.
         warnings: Filled while reading: what is wrong without making the recording useless.
         photo_indices: Of each photo among all that were given; empty where all are used.
+        turns: Quarter turns counterclockwise of some of the photos, by their place among `photos`.
         read: Yields time, name and image of each frame, for what is neither a video file nor
             photos.
     """
@@ -65,6 +66,7 @@ class Recording:
     stretch: Stretch | None = None
     warnings: list[str] = field(default_factory=list)
     photo_indices: tuple[int, ...] = ()
+    turns: Mapping[int, int] = field(default_factory=dict)
     read: Callable[[], Iterator[NamedImage]] | None = None
 
     @property
@@ -83,7 +85,8 @@ class Recording:
         Raises:
             BadInputError: A photo cannot be read, or the frames change in size.
         """
-        for index, (time_s, name, image) in enumerate(self._source_images()):
+        for index, (time_s, name, shown) in enumerate(self._source_images()):
+            image = turn_image(shown, self.turns.get(index, 0))
             if image.shape != (self.source_height, self.source_width):
                 raise BadInputError(
                     f"{self.path}: frame {index} ({name}) is {image.shape[1]}x{image.shape[0]}, "
@@ -134,14 +137,19 @@ def open_recording(
         raise BadInputError(f"{path}: no such file or folder")
     is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES | REFUSED_SUFFIXES
     photo_indices: tuple[int, ...] = ()
+    turns: dict[int, int] = {}
     warnings: list[str] = []
     if path.is_dir() or is_photo:
         photos, warnings = ((path,), []) if is_photo else list_photos(path)
         warnings += note_further_pages(photos)
         if one_camera:
-            photos, photo_indices, others = _photos_of_one_camera(photos)
-            warnings += others
+            kept = keep_one_camera(photos)
+            photo_indices = kept.rows if len(kept.rows) < len(photos) else ()
+            photos = tuple(photos[row] for row in kept.rows)
+            turns = {kept.rows.index(row): turn for row, turn in kept.turns.items()}
+            warnings += kept.notes
         _, _, first = next(_photo_images(photos[:1], [], None))
+        first = turn_image(first, turns.get(0, 0))
         focal = focal_of_photo(photos[0])
         stretch = stretch_of_photos(photos)
         expected_frames = len(photos)
@@ -164,18 +172,14 @@ def open_recording(
         expected_frames=expected_frames,
         stretch=stretch,
         photo_indices=photo_indices,
+        turns=turns,
         warnings=warnings if stretch is None else [*warnings, f"{path.name}: {stretch.note}"],
     )
 
 
-def _photos_of_one_camera(
-    photos: tuple[Path, ...],
-) -> tuple[tuple[Path, ...], tuple[int, ...], list[str]]:
-    """Those that are used, their rows among all, and what to say of the others."""
-    rows, note = keep_one_camera(photos)
-    if note is None:
-        return photos, (), []
-    return tuple(photos[row] for row in rows), tuple(rows), [note]
+def turn_image(image: GreyImage, quarters: int) -> GreyImage:
+    """The image turned counterclockwise by so many quarter turns."""
+    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image
 
 
 def _photo_images(

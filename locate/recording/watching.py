@@ -114,32 +114,44 @@ class _Shot:
 
 
 def watch_recording(
-    recording: Recording, target_motion: float, progress: Progress | None
+    recording: Recording,
+    target_motion: float,
+    progress: Progress | None,
+    *,
+    shot: int | None = None,
 ) -> WatchedShot:
-    """Reads every frame, tells the shots of a video apart, and describes the longest.
+    """Reads every frame, tells the shots of a video apart, and describes the longest or the one.
 
     Args:
         recording: What `open_recording` gave.
         target_motion: Median image motion wanted between neighbours, as a share of the width.
         progress: Called with a stage name and half the fraction read; -1 where that is unknown.
+        shot: The one to describe, from 1; None for the longest.
 
     Raises:
-        BadInputError: Fewer than two frames, or fewer than two that show anything.
+        BadInputError: Fewer than two frames, or fewer than two that show anything; no such shot.
     """
     shots = _watch_shots(recording, target_motion, progress)
     count = sum(len(shot.frames) for shot in shots)
     if count < 2:
         known = "".join(f"; {note}" for note in recording.warnings)
         raise BadInputError(f"{recording.path}: only {count} frame; at least 2 are needed{known}")
-    longest = max(shots, key=lambda shot: len(shot.frames))
-    frames, spaced, still = longest.finish()
+    if shot is not None and not 1 <= shot <= len(shots):
+        raise BadInputError(
+            f"{recording.path}: has no shot {shot}, only 1 to {len(shots)}: {_list_spans(shots)}"
+        )
+    used = max(shots, key=lambda one: len(one.frames)) if shot is None else shots[shot - 1]
+    frames, spaced, still = used.finish()
     if len(frames) < 2:
         raise BadInputError(
-            f"{recording.path}: {len(frames)} of {len(longest.frames)} frames show anything, the "
+            f"{recording.path}: {len(frames)} of {len(used.frames)} frames show anything, the "
             "others are black, white, faded or blurred; at least 2 are needed, record with more "
             "light and in focus"
         )
-    notes = (*_shots_note(shots, longest), *_faint_note(recording, longest.frames, frames))
+    notes = (
+        *_shots_note(shots, used, chosen=shot is not None),
+        *_faint_note(recording, used.frames, frames),
+    )
     return WatchedShot(frames=frames, spaced=spaced, still=still, notes=notes)
 
 
@@ -187,18 +199,25 @@ def _watch_shots(
     return shots
 
 
-def _shots_note(shots: list[_Shot], longest: _Shot) -> tuple[str, ...]:
+def _shots_note(shots: list[_Shot], used: _Shot, *, chosen: bool) -> tuple[str, ...]:
     if len(shots) == 1:
         return ()
-    spans = [f"{s.frames[0].time_s:.2f} to {s.frames[-1].time_s:.2f} s" for s in shots]
-    others = sum(len(shot.frames) for shot in shots) - len(longest.frames)
-    more = len(spans) - NAMED_SHOTS
-    listed = ", ".join(spans[:NAMED_SHOTS]) + (f" and {more} more" if more > 0 else "")
+    others = sum(len(shot.frames) for shot in shots) - len(used.frames)
+    which = f"number {shots.index(used) + 1}" if chosen else "the longest"
     return (
-        f"The video has {len(shots)} shots, {listed}: the longest, "
-        f"{spans[shots.index(longest)]}, is used, and {others} frames of the others are left out; "
-        "save each as a video of its own to run it.",
+        f"The video has {len(shots)} shots, {_list_spans(shots)}: {which}, {_span(used)}, is used, "
+        f"and {others} frames of the others are left out; --shot NUMBER chooses one, from 1.",
     )
+
+
+def _list_spans(shots: list[_Shot]) -> str:
+    more = len(shots) - NAMED_SHOTS
+    listed = ", ".join(map(_span, shots[:NAMED_SHOTS]))
+    return listed + (f" and {more} more" if more > 0 else "")
+
+
+def _span(shot: _Shot) -> str:
+    return f"{shot.frames[0].time_s:.2f} to {shot.frames[-1].time_s:.2f} s"
 
 
 def _faint_note(

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 
 from detect.detection import Detection
+from detect.haze import Haze
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from locate.fusion.still_camera.bearings import StillCameraResult, find_bearings
@@ -66,3 +67,12 @@ def test_what_oscillates_is_left_out_with_a_note() -> None:
     found = in_time(frames(0.3, springs=True))
     assert found.bearings == ()
     assert found.notes[0].startswith("One place moves to and fro")
+
+
+def test_before_haze_only_what_moves_far_more_is_a_plume() -> None:
+    rng = np.random.default_rng(0)
+    seen = [detection(rng, True) for _ in range(10)]
+    (usual,) = find_bearings(seen, CAMERA).bearings
+    for share, count in ((0.2, 1), (0.5, 0)):
+        haze = Haze(rms_px=share * usual.displacement_px, cells_px=())
+        assert len(find_bearings(seen, CAMERA, haze=haze).bearings) == count

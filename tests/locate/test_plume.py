@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from detect.haze import Haze
 from geometry.errors import BadInputError
 from locate.export.table import map_table
 from locate.map.plume import Bearing, PlumeMap
@@ -50,6 +51,17 @@ def test_a_map_reads_back_as_it_was_written(tmp_path: Path) -> None:
     assert read.plumes[1].radius_by_height.shape == (0, 2)
     assert read.plumes[0].views == (0, 2, 4)
     assert read.georeference == GEOREFERENCE
+
+
+def test_haze_is_read_back_and_said_by_height(tmp_path: Path) -> None:
+    haze = Haze(rms_px=0.62, cells_px=((0.4, None), (None, None), (0.9, 1.1)))
+    plume_map(haze=haze).save(tmp_path / "map.json")
+    read = PlumeMap.load(tmp_path / "map.json")
+    assert read.haze == haze
+    assert read.limit_text() == (
+        "Haze: the air moves all over the image, 0.62 px rms, 0.4 px at the top and 1 px at the "
+        "bottom; no single plume stands out of it."
+    )
 
 
 def test_the_file_has_the_keys_of_the_contract(tmp_path: Path) -> None:

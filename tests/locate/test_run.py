@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from detect.registered import registration
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.georeference import fit
 from geometry.sfm import mapping
 from geometry.trajectory import Trajectory
@@ -27,7 +27,8 @@ from locate.pipeline.fingerprint import source_of
 from locate.pipeline.run import Run
 from locate.pipeline.run_folder import RunFolder
 from locate.pipeline.stamp import Stamp
-from locate.recording import keyframes
+from locate.recording import KeyFrames, keyframes
+from locate.recording.motion import StillnessTest
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.recording.writer import LOSSLESS, open_video
 from tests.detect.fluctuating import frames
@@ -177,6 +178,35 @@ def test_a_still_video_gives_a_direction_and_marks_it(tmp_path: Path) -> None:
     (bearing,) = PlumeMap.load(tmp_path / "run" / "map.json").bearings
     assert bearing.displacement_px < 0.15
     assert "<circle" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_frames_are_chosen_anew_where_the_camera_turns_out_to_be_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of coded haze: the image moves, and only the reconstruction says that nothing else did.
+
+    The next run knows, and reconstructs nothing.
+    """
+    images = frames(1.0, count=40)
+    size = (images[0].shape[1], images[0].shape[0])
+    with open_video(tmp_path / "haze.mkv", size=size, fps=15, codec=LOSSLESS) as video:
+        for image in images:
+            video.write(image)
+    tried: list[int] = []
+
+    def reconstruct(_: Run, key_frames: KeyFrames) -> None:
+        tried.append(len(key_frames))
+        raise RegistrationError(RegistrationFailure.STATIC_CAMERA, "the image moves by 3 px in all")
+
+    monkeypatch.setattr(StillnessTest, "is_still", False)
+    monkeypatch.setattr(Run, "_register", reconstruct)
+    config = RunConfig(recording=tmp_path / "haze.mkv", detection_frames=2)
+    for _ in range(2):
+        Run(config, tmp_path / "run").run()
+        kept = KeyFrames.load(tmp_path / "run" / "frames" / "index.json")
+        assert kept.static
+        assert len(kept) == 40
+    assert len(tried) == 1
 
 
 def bad(result: subprocess.CompletedProcess[str], code: int, *words: str) -> None:

@@ -206,6 +206,13 @@ def test_the_longest_of_several_shots_is_used(tmp_path: Path) -> None:
     (note,) = kept.warnings
     assert "3 shots, 0.00 to 1.45 s, 1.50 to 2.60 s, 2.65 to 4.60 s" in note
     assert "53 frames of the others" in note
+    chosen = select_frames(
+        open_recording(tmp_path / "v.mkv"), tmp_path / "chosen", shot=2, target_motion=0.015
+    )
+    assert 30 <= chosen.indices.min() < chosen.indices.max() <= 49
+    assert "number 2, 1.50 to 2.60 s, is used, and 73 frames" in chosen.warnings[0]
+    with pytest.raises(BadInputError, match="has no shot 4, only 1 to 3: 0"):
+        select_frames(open_recording(tmp_path / "v.mkv"), tmp_path / "none", shot=4)
 
 
 def test_a_mirrored_second_shot_is_told(tmp_path: Path) -> None:
@@ -492,6 +499,35 @@ def test_turned_photos_have_the_size_they_are_shown_with(tmp_path: Path) -> None
     recording = open_recording(folder, one_camera=True)
     assert (recording.source_width, recording.source_height) == (HEIGHT, WIDTH)
     assert optics_of_photo(recording.photos[0]).size == (HEIGHT, WIDTH)
+
+
+@pytest.mark.parametrize("portrait", [6, 8])
+@pytest.mark.parametrize("portrait_first", [True, False])
+def test_portrait_and_landscape_are_of_one_camera(
+    tmp_path: Path, portrait: int, portrait_first: bool
+) -> None:
+    """Each is used as the sensor saw it."""
+    groups = [(4, WIDE | {0x0112: ("H", 1)}), (2, WIDE | {0x0112: ("H", portrait)})]
+    folder = write_tagged(tmp_path / "photos", groups[:: -1 if portrait_first else 1])
+    recording = open_recording(folder, one_camera=True)
+    frames = list(recording.frames())
+    assert [frame.image.shape for frame in frames] == [(HEIGHT, WIDTH)] * 6
+    seen = pan([6.0 * i for i in range(6)])
+    for frame, image in zip(frames, seen, strict=True):
+        assert np.abs(frame.image.astype(float) - image).mean() < 4
+    (note,) = recording.warnings
+    assert note.startswith("2 of 6 photos are turned by 90 degrees")
+
+
+def test_photos_that_state_no_turn_are_turned_to_the_size_of_most(tmp_path: Path) -> None:
+    folder = write_tagged(tmp_path / "photos", [(3, WIDE)])
+    write_tagged(folder, [(2, WIDE)], shape=(HEIGHT, HEIGHT))
+    for name in ("img03.jpg", "img04.jpg"):
+        tall = np.ascontiguousarray(pan([0.0])[0].T)
+        jpeg = cv2.imencode(".jpg", tall)[1].tobytes()
+        (folder / name).write_bytes(jpeg[:2] + exif(WIDE) + jpeg[2:])
+    frames = list(open_recording(folder, one_camera=True).frames())
+    assert [frame.image.shape for frame in frames] == [(HEIGHT, WIDTH)] * 5
 
 
 def test_a_broken_photo_among_groups_is_named(tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ def headline(plume_map: PlumeMap) -> str:
     if plume_map.bearings:
         found, what = len(plume_map.bearings), "direction to a plume"
         return f"{found} {what}" if found == 1 else f"{found} directions to plumes"
+    if plume_map.haze is not None:
+        return "Haze all over the image"
     return ("No plume found", "One plume found")[found] if found < 2 else f"{found} plumes found"
 
 
@@ -46,6 +48,8 @@ def facts(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[tuple[
     limit = plume_map.detection_limit_px
     if limit is not None:
         yield "Seen in half of the places", f"a plume of {limit:.2g} px"
+    elif plume_map.haze is not None:
+        yield "Haze", f"{plume_map.haze.rms_px:.2g} px rms"
     elif not plume_map.bearings:
         yield "Detection limit", "not known"
     yield "Detector", plume_map.detector

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from detect.detection import Detection
+from detect.haze import Haze
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
 from locate.fusion.search.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
@@ -27,6 +28,12 @@ BASE_SHARE = 0.1
 """Share of a region's pixels, the lowest, whose middle is its base; chosen by hand."""
 EDGE_SIGMA_PX = 2.0
 """How well the edge of a region in single frames is known, px of the shrunk maps; by hand."""
+ABOVE_HAZE = 3.0
+"""Mean displacement of a plume before haze, in the haze's largest; chosen by hand."""
+HAZY = (
+    "The air moves all over the image: only what moves the image "
+    f"{ABOVE_HAZE:g} times as far is reported."
+)
 
 
 class StillCameraResult(NamedTuple):
@@ -41,6 +48,7 @@ def find_bearings(
     camera: Camera,
     *,
     consecutive: Sequence[GreyImage] = (),
+    haze: Haze | None = None,
     seed: int = 0,
 ) -> StillCameraResult:
     """Regions of evidence that chance does not make.
@@ -49,16 +57,22 @@ def find_bearings(
         detections: Of frames by one camera at rest.
         camera: The pinhole that took them.
         consecutive: Frames of it that follow each other closely; too few are not used.
+        haze: Of the whole image; then only what moves far more in single frames is a plume.
         seed: Of the random shifts and orders of the nulls.
     """
     small = camera.scaled(min(1.0, FUSION_WIDTH_PX / camera.width))
     rng = np.random.default_rng(seed)
+    if haze is not None:
+        strong = [
+            region
+            for region in _find_in_frames(detections, small, rng)
+            if region.displacement_px > ABOVE_HAZE * haze.largest_px
+        ]
+        return StillCameraResult(_to_bearings(strong, small), (HAZY,) if strong else ())
     coherent = find_coherent_regions(consecutive, (small.width, small.height), rng)
     known = np.any([coherent.oscillating, *(region.mask for region in coherent.regions)], axis=0)
     others = [r for r in _find_in_frames(detections, small, rng) if not (r.mask & known).any()]
-    bearings = [_to_bearing(region, small) for region in (*coherent.regions, *others)]
-    bearings.sort(key=lambda bearing: -bearing.evidence_nats)
-    return StillCameraResult(tuple(bearings), coherent.notes)
+    return StillCameraResult(_to_bearings([*coherent.regions, *others], small), coherent.notes)
 
 
 def _find_in_frames(
@@ -103,6 +117,12 @@ def _evident_regions(llr: FloatMap, samples: float) -> list[tuple[BoolArray, flo
     return [
         (mask, float(total[mask].sum()) / samples) for mask in connected_parts(mean > EVIDENT_NATS)
     ]
+
+
+def _to_bearings(regions: Sequence[ImageRegion], camera: Camera) -> tuple[Bearing, ...]:
+    """Strongest first."""
+    bearings = [_to_bearing(region, camera) for region in regions]
+    return tuple(sorted(bearings, key=lambda bearing: -bearing.evidence_nats))
 
 
 def _to_bearing(region: ImageRegion, camera: Camera) -> Bearing:
