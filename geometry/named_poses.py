@@ -1,5 +1,6 @@
 """Poses that know which image they belong to, and the search for a recording's frames in them."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,10 @@ MAX_TIME_GAP_S = 0.02
 """Longest time between a frame and its pose."""
 MAX_ASPECT_ERROR = 0.01
 """Largest relative difference of the aspects of a camera and an image; allows for whole px."""
+_LEAST_NS = 10**15
+"""Names that are whole numbers from this on are ns since 1970."""
+_SECONDS = re.compile(r"[0-9]{9,10}\.[0-9]{3,9}")
+"""Names that are s since 1970."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +55,7 @@ class NamedPoses:
         By name, by frame index or by time (to within 20 ms or half the spacing of the frames),
         whichever finds most frames, in this order where they find as many. Names that are numbers
         count as indices; where the lowest is 1, as ffmpeg writes them, 1 is the first frame.
+        Photos named by their stamps since 1970, in ns or in s, have the times of their names.
 
         Args:
             sources: File name of each of the N frames.
@@ -64,7 +70,9 @@ class NamedPoses:
         Raises:
             BadInputError: Fewer than two frames have a pose, or the camera has another aspect.
         """
-        ways = (self._by_name(sources), self._by_index(indices), self._by_time(times_s))
+        stamps_s = _stamps_in_names(sources)
+        by_time = self._by_time(times_s if stamps_s is None else stamps_s)
+        ways = (self._by_name(sources), self._by_index(indices), by_time)
         pose_of = max(ways, key=len)
         if len(pose_of) < 2:
             raise BadInputError(
@@ -133,6 +141,16 @@ def read_camera(path: Path, width: int, height: int) -> Camera:
         return resize_camera(Camera.from_dict(content.get("camera", content)), width, height)
     except (OSError, ValueError, AttributeError, BadInputError) as error:
         raise BadInputError(f"{path}: not a camera file ({error})") from error
+
+
+def _stamps_in_names(sources: Sequence[str]) -> FloatArray | None:
+    """(N,) s since 1970 where all frames are named by them, in whole ns or s with a fraction."""
+    stems = [Path(source).stem for source in sources]
+    if stems and all(stem.isdecimal() and int(stem) >= _LEAST_NS for stem in stems):
+        return np.array([int(stem) / 1e9 for stem in stems])
+    if stems and all(_SECONDS.fullmatch(stem) for stem in stems):
+        return np.array([float(stem) for stem in stems])
+    return None
 
 
 def _frame_numbers(names: Sequence[str]) -> list[int]:

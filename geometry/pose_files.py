@@ -1,6 +1,6 @@
 """Camera poses from and to the files that other tools use.
 
-TUM (``stamp tx ty tz qx qy qz qw`` of world_from_cam), COLMAP models, and transforms.json of
+Lists of TUM, EuRoC and KITTI (`geometry.pose_lists`), COLMAP models, and transforms.json of
 nerfstudio and instant-ngp, whose cameras look along -z with y up (OpenGL) and whose principal
 point counts from the image corner.
 """
@@ -23,6 +23,7 @@ from geometry.errors import BadInputError
 from geometry.json_text import parse_json
 from geometry.lens_terms import merge_cameras, read_transforms_camera, write_camera_block
 from geometry.named_poses import NamedPoses, resize_camera
+from geometry.pose_lists import read_pose_list
 from geometry.trajectory import Trajectory
 
 MAX_SKEW = 0.01
@@ -34,8 +35,9 @@ def read_named_poses(path: Path, camera: Camera | None = None) -> NamedPoses:
     """Reads poses from a file or folder; the kind is recognised by its content.
 
     Args:
-        path: TUM (.txt), a COLMAP model folder, transforms.json, trajectory.json or truth.json.
-        camera: For TUM, which has none; elsewhere it replaces the file's own.
+        path: A list of TUM, EuRoC or KITTI, a COLMAP model folder, transforms.json,
+            trajectory.json or truth.json.
+        camera: For lists, which have none; elsewhere it replaces the file's own.
 
     Raises:
         BadInputError: Nothing there that is a list of poses, or a camera is missing.
@@ -54,7 +56,7 @@ def _read_by_kind(path: Path, camera: Camera | None) -> NamedPoses:
     if path.is_dir():
         return _read_colmap(path, camera)
     if path.suffix.lower() != ".json":
-        return _read_tum(path, camera)
+        return _read_list(path, camera)
     try:
         content = parse_json(path.read_text())
     except (OSError, ValueError) as error:
@@ -159,21 +161,20 @@ def _checked_trajectory(
     )
 
 
-def _read_tum(path: Path, camera: Camera | None) -> NamedPoses:
+def _read_list(path: Path, camera: Camera | None) -> NamedPoses:
     if camera is None:
-        raise BadInputError(f"{path}: a TUM trajectory has no camera; give one with --camera")
-    try:
-        rows = np.loadtxt(path, dtype=float, ndmin=2)
-        rotation = Rotation.from_quat(rows[:, 4:8]).inv()
-    except (OSError, ValueError, IndexError) as error:
-        raise BadInputError(f"{path}: not a readable TUM trajectory ({error})") from error
-    if rows.shape[1] != 8 or not np.isfinite(rows).all():
-        raise BadInputError(f"{path}: a TUM line has 8 numbers, stamp tx ty tz qx qy qz qw")
-    order = np.argsort(rows[:, 0], kind="stable")
-    translations = -rotation.apply(rows[:, 1:4])
-    found = _checked_trajectory(path, camera, rotation.as_matrix()[order], translations[order])
-    stamped = replace(found, times_s=rows[order, 0])
-    return NamedPoses(trajectory=stamped, names=("",) * len(rows), path=path, has_times=True)
+        raise BadInputError(f"{path}: a list of poses has no camera; give one with --camera")
+    listed = read_pose_list(path)
+    translations = -np.einsum("nij,nj->ni", listed.rotations, listed.centers)
+    found = _checked_trajectory(path, camera, listed.rotations, translations)
+    stamped = found if listed.times_s is None else replace(found, times_s=listed.times_s)
+    return NamedPoses(
+        trajectory=stamped,
+        names=("",) * len(found),
+        path=path,
+        has_times=listed.times_s is not None,
+        has_indices=listed.times_s is None,
+    )
 
 
 def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:

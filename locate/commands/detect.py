@@ -27,7 +27,9 @@ def detect(
     ] = None,
     poses: Annotated[
         Path | None,
-        typer.Option(help="For registered: TUM, COLMAP model, transforms.json, trajectory.json."),
+        typer.Option(
+            help="For registered: list of TUM, EuRoC or KITTI, COLMAP model, transforms.json."
+        ),
     ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="A JSON file with a camera block as in trajectory.json.")

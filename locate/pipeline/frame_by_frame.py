@@ -91,16 +91,16 @@ def detect_frames(
     with _claim_folder(output) as scratch:
         files = FrameFiles.of(recording, scratch, every=every)
         if poses is None:
-            frames = files.frames()
+            frames, notes = files.frames(), ()
         else:
-            files, frames = files.with_poses(poses, camera)
+            files, frames, notes = files.with_poses(poses, camera)
         summaries = _detect_each(frames, files, detector, output, threshold_nats, report)
     content = {
         "schema": SCHEMA,
         "detector": detector.name,
         "threshold_nats": threshold_nats,
         "frames": [asdict(one) for one in summaries],
-        "notes": recording.warnings,
+        "notes": (*recording.warnings, *notes),
     }
     write_text_atomic(output / INDEX, json.dumps(content, indent=1))
     return summaries

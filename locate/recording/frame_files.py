@@ -8,8 +8,11 @@ from typing import Self
 import numpy as np
 
 from detect.detection import Frames
+from geometry.errors import BadInputError
 from geometry.named_poses import read_camera
 from geometry.pose_files import read_named_poses
+from geometry.printable import printable
+from geometry.sfm.given_poses import check_given_poses
 from geometry.stretch import Stretch
 from locate.recording.images import FrameImages, write_png
 from locate.recording.posed_frames import PosedFrames
@@ -88,21 +91,39 @@ class FrameFiles:
         paths = [self.folder / name for name in self.names]
         return Frames(images=FrameImages(paths, stretch=self.stretch))
 
-    def with_poses(self, poses: Path, camera: Path | None) -> tuple[Self, Frames]:
-        """Those that have a pose, and these undistorted.
+    def with_poses(self, poses: Path, camera: Path | None) -> tuple[Self, Frames, tuple[str, ...]]:
+        """Those that have a pose, these undistorted, and what a reader should know of the poses.
 
         Args:
-            poses: TUM, COLMAP, transforms.json or trajectory.json.
-            camera: A JSON file with a camera; TUM needs one.
+            poses: A list of TUM, EuRoC or KITTI, COLMAP, transforms.json or trajectory.json.
+            camera: A JSON file with a camera; lists need one.
 
         Raises:
-            BadInputError: A file cannot be read, or fewer than two frames have a pose.
+            BadInputError: A file cannot be read, fewer than two frames have a pose, a frame has
+                another size than the first, or the images contradict the poses.
         """
         known = None if camera is None else read_camera(camera, *self.size)
         trajectory, rows = read_named_poses(poses, known).match_to_frames(
             self.names, np.array(self.indices), np.array(self.times_s), size=self.size
         )
         left = self._select_rows(rows.tolist())
+        images = FrameImages([left.folder / name for name in left.names], stretch=left.stretch)
+        for name, image in zip(left.names, images, strict=True):
+            if image.shape[::-1] != self.size:
+                raise BadInputError(
+                    f"{left.folder / name}: {image.shape[1]}x{image.shape[0]} px, where the poses' "
+                    f"camera is for {self.size[0]}x{self.size[1]}; give frames of one size"
+                )
+        try:
+            notes = check_given_poses(trajectory, images)
+        except BadInputError as error:
+            raise BadInputError(f"{poses}: {error}") from error
+        if len(rows) < len(self.names):
+            lost = len(self.names) - len(rows)
+            notes = (
+                f"{lost} of {len(self.names)} frames have no pose in {poses.name} and are left out",
+                *notes,
+            )
         posed = PosedFrames(
             folder=left.folder,
             names=left.names,
@@ -111,7 +132,7 @@ class FrameFiles:
             trajectory=trajectory,
             stretch=self.stretch,
         )
-        return left, posed.undistorted()
+        return left, posed.undistorted(), tuple(map(printable, notes))
 
     def _select_rows(self, rows: Iterable[int]) -> Self:
         rows = list(rows)

@@ -334,3 +334,28 @@ def test_weights_of_another_detector_are_refused(tmp_path: Path) -> None:
     config = RunConfig(recording=SAMPLE_VIDEO, detector="bos", weights=tmp_path / "a.onnx")
     with pytest.raises(BadInputError, match="bos has no weights"):
         Run(config, tmp_path / "out")
+
+
+def posed(photos: Path, count: int) -> Path:
+    """A transforms.json of the first photos."""
+    frames = [
+        {"file_path": f"p{i}.png", "transform_matrix": np.eye(4).tolist()} for i in range(count)
+    ]
+    block = {"fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48}
+    path = photos.parent / "transforms.json"
+    path.write_text(json.dumps({**block, "frames": frames}))
+    return path
+
+
+def test_frames_without_a_pose_are_counted(photos: Path, tmp_path: Path) -> None:
+    summaries = detect_frames(photos, tmp_path / "out", Blob(), poses=posed(photos, 3))
+    assert len(summaries) == 3
+    notes = json.loads((tmp_path / "out" / "index.json").read_text())["notes"]
+    assert notes[0].startswith("2 of 5 frames have no pose in transforms.json")
+    assert "could not be held against the images" in notes[1]
+
+
+def test_a_frame_of_another_size_than_the_poses_is_named(photos: Path, tmp_path: Path) -> None:
+    cv2.imwrite(str(photos / "p2.png"), texture(2, (60, 80)))
+    with pytest.raises(BadInputError, match=r"p2.png: 80x60 px, where the poses' camera"):
+        detect_frames(photos, tmp_path / "out", Blob(), poses=posed(photos, 5))
