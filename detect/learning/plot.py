@@ -9,6 +9,7 @@ import numpy as np
 
 from detect.learning.checkpoint import read_journal
 from geometry.errors import BadInputError
+from geometry.image_files import write_image
 
 WIDTH, HEIGHT, MARGIN, LEGEND = 900, 320, 60, 150
 INK, PALE = (60, 60, 60), (225, 225, 225)
@@ -42,8 +43,7 @@ def plot_training(folder: Path, path: Path) -> Path:
         _draw_panel("loss", [loss], end, (0.0, max([*loss[2][-50:], 0.1]) * 1.5), stages),
         _draw_panel("validation AUROC", scores, end, (0.4, 1.0), stages),
     ]
-    if not cv2.imwrite(str(path), np.vstack(panels)):
-        raise BadInputError(f"{path}: cannot be written")
+    write_image(path, np.vstack(panels))
     return path
 
 

@@ -13,6 +13,7 @@ from detect.synthesis.camera import OVERSAMPLING, Background
 from detect.synthesis.split import Split, split_of_photo
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
+from geometry.image_files import read_image
 
 REACH_PX = 8
 """How far beyond the frame a picture goes: lens blur, shift, and the largest displacement."""
@@ -113,11 +114,7 @@ def read_photo(path: Path) -> GreyImage:
     Raises:
         BadInputError: It cannot be read, or is tiny.
     """
-    try:
-        content = np.fromfile(path, dtype=np.uint8)  # imread crashes on names that are not UTF-8
-        image = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
-    except OSError:
-        image = None
+    image = read_image(path)
     if image is None or min(image.shape) < LEAST_SIDE_PX:
         raise BadInputError(f"{path}: not a readable photo of {LEAST_SIDE_PX} px or more")
     return np.asarray(image, dtype=np.uint8)

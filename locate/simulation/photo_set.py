@@ -12,11 +12,13 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.image_files import read_image
 from geometry.named_poses import resize_camera
 from geometry.pose_files import read_named_poses
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 
+UNTURNED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 COLMAP_FOLDERS = (".", "sparse/0", "sparse", "colmap_ground_truth", "sfm/model")
 IMAGE_FOLDERS = ("images", "images_half", "frames", ".")
 
@@ -70,7 +72,7 @@ class PhotoSet:
         Raises:
             BadInputError: It cannot be read, or has another size.
         """
-        image = cv2.imread(str(self.paths[i]), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = read_image(self.paths[i], UNTURNED)
         camera = self.trajectory.camera
         if image is None:
             raise BadInputError(f"{self.paths[i]}: not a readable photo")
@@ -153,7 +155,7 @@ def _camera_numbers(path: Path) -> FloatArray:
 
 
 def _photo_size(photo: Path) -> tuple[int, int]:
-    image = cv2.imread(str(photo), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    image = read_image(photo, UNTURNED)
     if image is None:
         raise BadInputError(f"{photo}: not a readable photo")
     return image.shape[1], image.shape[0]

@@ -6,12 +6,12 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Protocol
 
-import cv2
 import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.image_files import write_image
 from geometry.npz import save_arrays
 from geometry.trajectory import Trajectory
 from locate.recording.writer import H264, LOSSLESS, open_video
@@ -55,9 +55,7 @@ class PngFrameFolder:
 
     def write(self, image: GreyImage) -> None:
         """Appends a frame."""
-        path = self._folder / f"{self._count:06d}.png"
-        if not cv2.imwrite(str(path), image):
-            raise BadInputError(f"{path}: cannot be written")
+        write_image(self._folder / f"{self._count:06d}.png", image)
         self._count += 1
 
 
