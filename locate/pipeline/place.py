@@ -60,6 +60,7 @@ def place_run(
         key_frames,
         source.telemetry(),
         asked=source.config.telemetry is not None,
+        offset_s=source.config.telemetry_offset_s,
         camera_height_m=source.config.camera_height_m,
         points_in_world=points,
         lengths=lengths.constrain_scale(trajectory, files.frames, names),
@@ -78,6 +79,7 @@ def place_inputs(source: RecordingSource) -> dict[str, Any]:
     distance = source.config.distance
     return {
         "telemetry": [fingerprint_path(path) for path in source.telemetry()],
+        "telemetry_offset_s": source.config.telemetry_offset_s,
         "camera_height_m": source.config.camera_height_m,
         "board": source.config.board,
         "distance": None if distance is None else fingerprint_path(distance),
@@ -90,6 +92,7 @@ def place_reconstruction(
     telemetry: Sequence[Path],
     *,
     asked: bool = False,
+    offset_s: float | None = None,
     camera_height_m: float | None = None,
     points_in_world: FloatArray | None = None,
     lengths: Sequence[ScaleConstraint] = (),
@@ -104,6 +107,7 @@ def place_reconstruction(
         frames: The frames it is of.
         telemetry: Files that may say where it was made; the first that can be used is.
         asked: The user named that file.
+        offset_s: Its time minus the video's, where the user stated it.
         camera_height_m: Of the cameras above the ground plane, where it is known.
         points_in_world: (M, 3) sparse points.
         lengths: What known sizes in the scene say of its scale.
@@ -123,12 +127,17 @@ def place_reconstruction(
                 notes = (*notes, f"Telemetry left out: {error}.")
             continue
         try:
-            placement = place_by_track(trajectory, frames, track, ground)
+            placement = place_by_track(trajectory, frames, track, ground, offset_s=offset_s)
             return replace(placement, notes=(*notes, *placement.notes))
         except BadInputError as error:
             if asked:
                 raise
             notes = (*notes, f"Telemetry left out: {error}.")
+    if offset_s is not None:
+        raise BadInputError(
+            "--telemetry-offset: no telemetry can be used; name it with --telemetry, or leave the "
+            + " ".join(("offset out.", *notes))
+        )
     if not any(isinstance(constraint, ScaleConstraint) for constraint in ground):
         return Placement(notes=notes)
     return Placement(alignment=fit_similarity(ground), notes=notes)

@@ -31,9 +31,15 @@ SHARED_SIGMA_M = (2.0, 2.0, 4.0)
 """Standard deviations of the error that all fixes of a flight share."""
 PRECISE_SIGMA_M = 0.5
 """Fixes better than this are RTK or surveyed: they share no error."""
+UNKNOWN_HEIGHT_M, DEFINED_HEIGHT_M = 1000.0, 0.1
+"""Standard deviations of heights that a track does not hold, and of the one they count from."""
+FLAT = (
+    "holds no heights: the map is placed horizontally, and its heights count from the first camera "
+    "with a position."
+)
 KNOWN_SHARE = 0.5
 """Attitudes are used where at least this share of the frames has one."""
-ON_THE_VIDEO_CLOCK = ("video subtitle", "DJI SRT")
+ON_THE_VIDEO_CLOCK = ("video subtitle", "DJI SRT", "ASS subtitles")
 """Kinds of telemetry whose times are those of the video."""
 DATUMS = {
     AltitudeDatum.ELLIPSOID: HeightDatum.ELLIPSOID,
@@ -44,7 +50,12 @@ DATUMS = {
 
 
 def place_by_track(
-    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack, ground: Sequence[Constraint]
+    trajectory: Trajectory,
+    frames: KeyFrames,
+    track: TelemetryTrack,
+    ground: Sequence[Constraint],
+    *,
+    offset_s: float | None = None,
 ) -> Placement:
     """Places a reconstruction by the positions, and the attitude, of a telemetry track.
 
@@ -53,14 +64,21 @@ def place_by_track(
         frames: The frames it is of.
         track: Where the camera was.
         ground: What the ground and known lengths say of up and scale.
+        offset_s: Time of the track minus that of the video, where it is known.
 
     Raises:
         BadInputError: The track has no position for the frames, or contradicts the rest.
     """
-    records, notes = _records_at_frames(trajectory, frames, track)
+    records, notes = _records_at_frames(trajectory, frames, track, offset_s)
+    upright = _up_from_attitude(trajectory, records)
+    ups = [c for c in ground if isinstance(c, UpConstraint)] if upright is None else [upright]
     altitude_m, datum = records.altitude_m, DATUMS[records.altitude_datum]
     if not np.isfinite(altitude_m).any():
         altitude_m, datum = records.height_m, HeightDatum.TAKEOFF
+    has_heights = bool(np.isfinite(altitude_m).any())
+    if not has_heights and ups and records.has_position.any():
+        altitude_m, datum = np.zeros(len(records)), HeightDatum.UNKNOWN
+        notes = (*notes, f"{track.path.name} {FLAT}")
     fixes = np.stack([records.latitude_deg, records.longitude_deg, altitude_m], axis=1)
     known = np.isfinite(fixes).all(axis=1)
     if not known.any():
@@ -73,41 +91,49 @@ def place_by_track(
     enu[known] = georeference.to_enu(fixes[known])
     sigmas_m = _sigmas_m(records, track.step_m)
     precise = bool(np.median(sigmas_m) < PRECISE_SIGMA_M)
+    shared_m = (0.0, 0.0, 0.0) if precise else SHARED_SIGMA_M
+    if not has_heights:
+        sigmas_m[:, 2] = UNKNOWN_HEIGHT_M
+        sigmas_m[np.flatnonzero(known)[0], 2] = DEFINED_HEIGHT_M
+        shared_m = (*shared_m[:2], 0.0)
     positions = positions_of_cameras(
-        trajectory,
-        enu,
-        sigmas_m,
-        name=printable(track.path.name),
-        shared_sigma_m=(0.0, 0.0, 0.0) if precise else SHARED_SIGMA_M,
+        trajectory, enu, sigmas_m, name=printable(track.path.name), shared_sigma_m=shared_m
     )
-    upright = _up_from_attitude(trajectory, records)
-    ups = [c for c in ground if isinstance(c, UpConstraint)] if upright is None else [upright]
     scales = [c for c in ground if isinstance(c, ScaleConstraint)]
     alignment = fit_similarity([positions, *ups, *scales])
     return Placement(alignment=alignment, georeference=georeference, notes=notes)
 
 
 def _records_at_frames(
-    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack
+    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack, offset_s: float | None
 ) -> tuple[TelemetryTrack, tuple[str, ...]]:
     """A record for each camera, by photo name or by time."""
     if track.times_s is None:
+        if offset_s is not None:
+            raise BadInputError(
+                f"{track.path}: records belong to photos and have no times; leave "
+                "--telemetry-offset out"
+            )
         sources = {frame.index: frame.source for frame in frames.frames}
         names = [sources[index] for index in trajectory.indices.tolist()]
         rows = track.rows_of(names)
         return _mask_unknown(track.take(np.maximum(rows, 0)), rows >= 0), track.warnings
     if not frames.is_video:
         raise BadInputError(f"{track.path}: records have times, and photos only names")
-    if track.kind in ON_THE_VIDEO_CLOCK:
-        return track.without_repeats().at(trajectory.times_s), track.warnings
-    speeds = path_speeds(trajectory.times_s, trajectory.centers_in_world)
-    offset = estimate_offset(track, trajectory.times_s, speeds)
-    note = (
-        f"{track.path.name} was set against the video by the camera's speed: its time is the "
-        f"video's plus {offset.offset_s:.2f} +- {offset.sigma_s:.2f} s."
-    )
-    moments_s = trajectory.times_s + offset.offset_s
-    return track.without_repeats().at(moments_s), (*track.warnings, note)
+    notes = track.warnings
+    if offset_s is None and track.kind in ON_THE_VIDEO_CLOCK:
+        offset_s = 0.0
+    elif offset_s is None:
+        speeds = path_speeds(trajectory.times_s, trajectory.centers_in_world)
+        found = estimate_offset(track, trajectory.times_s, speeds)
+        offset_s = found.offset_s
+        note = (
+            f"{track.path.name} was set against the video by the camera's speed: its time is the "
+            f"video's plus {offset_s:.2f} +- {found.sigma_s:.2f} s."
+        )
+        notes = (*notes, note)
+    moments_s = trajectory.times_s + offset_s
+    return track.without_repeats().at(moments_s, max_gap_s=track.usual_gap_s), notes
 
 
 def _mask_unknown(records: TelemetryTrack, known: BoolArray) -> TelemetryTrack:

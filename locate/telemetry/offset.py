@@ -143,7 +143,8 @@ def _match_profiles(
         raise BadInputError(
             f"{track.path}: the motion does not determine the time offset to the video "
             f"(correlation {found.correlation:.2f}, elsewhere {found.rival:.2f}, "
-            f"by chance with probability {found.chance:.2g}); give the offset, or fly less evenly"
+            f"by chance with probability {found.chance:.2g}); give it with --telemetry-offset, "
+            "or fly less evenly"
         )
     return found
 

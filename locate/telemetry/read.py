@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from geometry.errors import BadInputError
-from locate.telemetry import ardupilot, dji_mrk, dji_srt, gpx, odm, table, ulog
+from locate.telemetry import ardupilot, ass, dji_mrk, dji_srt, gpx, odm, table, ulog
 from locate.telemetry.bounded import read_text
 from locate.telemetry.photos import read_photos
 from locate.telemetry.subtitles import read_subtitles
@@ -13,12 +13,13 @@ from locate.telemetry.track import TelemetryTrack
 
 HEAD_BYTES = 4096
 """Of a file, by which its format is recognised."""
-SIDECARS = (".srt", ".gpx", ".csv", ".ulg", ".bin", ".tlog", ".txt")
+SIDECARS = (".srt", ".ass", ".gpx", ".csv", ".ulg", ".bin", ".tlog", ".txt")
 """Suffixes of telemetry beside a video of the same name."""
 
 _Text: TypeAlias = tuple[Callable[[str], bool], Callable[[str, Path], TelemetryTrack]]
 _TEXTS: tuple[_Text, ...] = (
     (gpx.looks_like_gpx, gpx.parse_gpx),
+    (ass.looks_like_ass, ass.parse_ass),
     (dji_mrk.looks_like_mrk, dji_mrk.parse_mrk),
     (odm.looks_like_odm, odm.parse_geo),
     (table.looks_like_table, table.parse_table),
@@ -38,9 +39,9 @@ def read_telemetry(path: Path) -> TelemetryTrack:
     """Reads where a camera was from a log, a table, a video's subtitles or photos.
 
     Args:
-        path: A DJI .SRT or .mrk, GPX, a table (CSV, exiftool, Airdata, senseFly geoinfo), an ODM
-            geo.txt, a PX4 or ArduPilot log, a video with a subtitle track, a photo, or a folder of
-            photos. The content decides, not the suffix.
+        path: A DJI .SRT or .mrk, .ass of Autel, GPX, a table (CSV, exiftool, Airdata, senseFly
+            geoinfo), an ODM geo.txt, a PX4 or ArduPilot log, a video with a subtitle track, a
+            photo, or a folder of photos. The content decides, not the suffix.
 
     Raises:
         BadInputError: Nothing there, no known format, or no position in it.
@@ -93,6 +94,6 @@ def _read_text(path: Path) -> TelemetryTrack:
         if looks_like(text[:HEAD_BYTES]):
             return parse(text, path)
     raise BadInputError(
-        f"{path}: no telemetry is recognised in it; expected a DJI .SRT or .mrk, GPX, a table with "
-        "latitude and longitude, an ODM geo.txt, an autopilot log, a video or photos"
+        f"{path}: no telemetry is recognised in it; expected a DJI .SRT or .mrk, .ass, GPX, a "
+        "table with latitude and longitude, an ODM geo.txt, an autopilot log, a video or photos"
     )

@@ -42,6 +42,11 @@ MAX_DECIMALS = 8
 """Of a degree; finer steps are not searched for."""
 MAX_GAP_S = 2.0
 """Longest gap between records that is interpolated; chosen."""
+GAP_SPACINGS, LONGEST_GAP_S = 3.0, 10.0
+"""The same of a recorder with few records, in their usual spacings, and at most; chosen: between
+records 10 s apart a camera that speeds up by 0.3 m/s^2 is 4 m from the straight line."""
+HELD_ENDS_S = 0.25
+"""Longest time beyond the first and the last record that these stand for; chosen."""
 HELD_S = 1.0
 """A position repeated for longer is a hover; chosen."""
 
@@ -138,6 +143,14 @@ class TelemetryTrack:
         return np.isfinite(self.latitude_deg)
 
     @property
+    def usual_gap_s(self) -> float:
+        """Gap between positions that belongs to this recorder; phones write one in some seconds."""
+        if self.times_s is None or self.has_position.sum() < 2:
+            return MAX_GAP_S
+        spacing_s = float(np.median(np.diff(self.times_s[self.has_position])))
+        return float(np.clip(GAP_SPACINGS * spacing_s, MAX_GAP_S, LONGEST_GAP_S))
+
+    @property
     def step_m(self) -> float:
         """The step that positions are rounded to, in m; 11 m for files with four decimals.
 
@@ -186,6 +199,9 @@ class TelemetryTrack:
     def at(self, times_s: FloatArray, *, max_gap_s: float = MAX_GAP_S) -> Self:
         """The track at other times, interpolated linearly (angles the short way round).
 
+        Times up to a record's spacing before the first or after the last, at most `HELD_ENDS_S`,
+        have the values of these: stamps are rounded, and a value holds until the next one.
+
         Args:
             times_s: (M,) on the clock of this track's `times_s`.
             max_gap_s: Across a longer gap between records, and outside of them, values are NaN.
@@ -194,9 +210,10 @@ class TelemetryTrack:
             BadInputError: The records have names and no times.
         """
         stamps_s, wanted_s = self._required_times(), np.asarray(times_s, dtype=float)
+        moments_s = _pull_to_ends(wanted_s, stamps_s)
         columns: dict[str, Any] = {
             name: interpolate(
-                wanted_s, stamps_s, getattr(self, name), max_gap_s, period=PERIOD_DEG.get(name)
+                moments_s, stamps_s, getattr(self, name), max_gap_s, period=PERIOD_DEG.get(name)
             )
             for name in COLUMNS
         }
@@ -237,6 +254,15 @@ class TelemetryTrack:
                 "use it with the folder of these photos, not with a video"
             )
         return self.times_s
+
+
+def _pull_to_ends(wanted_s: FloatArray, stamps_s: FloatArray) -> FloatArray:
+    """The times, those just outside of the records at the first or the last of them."""
+    if len(stamps_s) < 2:
+        return wanted_s
+    held_s = min(HELD_ENDS_S, float(np.median(np.diff(stamps_s))))
+    pulled_s = np.clip(wanted_s, stamps_s[0], stamps_s[-1])
+    return np.where(np.abs(pulled_s - wanted_s) <= held_s, pulled_s, wanted_s)
 
 
 def file_name(name: str) -> str:

@@ -125,3 +125,66 @@ def test_a_known_camera_height_sets_the_scale(flight: Trajectory) -> None:
     )
     with pytest.raises(BadInputError, match="needs a reconstruction"):
         place_reconstruction(source, frames_of(flight, video=True), [], camera_height_m=20.0)
+
+
+def timed_csv(path: Path, flight: Trajectory, offset_s: float) -> Path:
+    """A log whose time is the flight's plus an offset."""
+    rows = [
+        f"{t + offset_s:.3f},{lat:.9f},{lon:.9f},{height:.3f}"
+        for t, (lat, lon, height) in zip(
+            flight.times_s, ORIGIN.lat_lon_height(flight.centers_in_world), strict=True
+        )
+    ]
+    path.write_text("\n".join(["time (s),latitude,longitude,altitude", *rows]) + "\n")
+    return path
+
+
+def test_a_stated_offset_is_used_instead_of_an_estimate(flight: Trajectory, tmp_path: Path) -> None:
+    """The video's second 1 is second 100 of the log."""
+    early = replace(flight, times_s=flight.times_s + 1.0)
+    log = timed_csv(tmp_path / "log.csv", flight, 100.0)
+    frames = frames_of(early, video=True)
+    placed = place_reconstruction(reconstructed(early), frames, [log], asked=True, offset_s=99.0)
+    found = placed.apply(reconstructed(early))
+    distances = np.linalg.norm(np.diff(found.centers_in_world, axis=0), axis=1)
+    true = np.linalg.norm(np.diff(flight.centers_in_world, axis=0), axis=1)
+    assert distances.sum() == pytest.approx(true.sum(), rel=0.01)
+    assert placed.notes == ()
+
+
+def test_an_offset_of_what_has_no_times_is_refused(flight: Trajectory, tmp_path: Path) -> None:
+    photos = write_csv(tmp_path / "geo.csv", flight)
+    for telemetry, reason in (([photos], "have no times"), ([], "no telemetry can be used")):
+        with pytest.raises(BadInputError, match=reason):
+            place_reconstruction(
+                reconstructed(flight), frames_of(flight, video=True), telemetry, asked=True,
+                offset_s=1.0,
+            )  # fmt: skip
+
+
+def test_positions_without_heights_place_a_map_horizontally(
+    flight: Trajectory, tmp_path: Path
+) -> None:
+    rows = [
+        f"P{i:03d}.JPG,{lat:.9f},{lon:.9f}"
+        for i, (lat, lon, _) in enumerate(ORIGIN.lat_lon_height(flight.centers_in_world))
+    ]
+    path = tmp_path / "flat.csv"
+    path.write_text("\n".join(["filename,latitude,longitude", *rows]) + "\n")
+    rng = np.random.default_rng(1)
+    ground = np.c_[rng.uniform(-60, 60, (400, 2)), rng.normal(0, 0.02, 400)]
+    to_source = Similarity(scale=0.07, rotation=np.eye(3), translation=np.zeros(3))
+    source = replace(flight.transformed(to_source), metric=False, gravity=False)
+    placed = place_reconstruction(
+        source, frames_of(flight, video=False), [path], asked=True,
+        points_in_world=to_source(ground),
+    )  # fmt: skip
+    found = placed.apply(source).centers_in_world
+    true = flight.centers_in_world - flight.centers_in_world[0]
+    np.testing.assert_allclose(found - found[0], true, atol=1.0)
+    assert abs(found[0, 2]) < 0.5
+    assert placed.georeference is not None
+    assert placed.georeference.datum is HeightDatum.UNKNOWN
+    assert any("holds no heights" in note for note in placed.notes)
+    with pytest.raises(BadInputError, match="no frame has a position with a height"):
+        place_reconstruction(source, frames_of(flight, video=False), [path], asked=True)

@@ -339,13 +339,28 @@ def test_interpolation_goes_the_short_way_round_and_not_over_gaps() -> None:
         gimbal_yaw_deg=[170, -170, -160],
         gimbal_pitch_deg=[-90, np.nan, -60],
     )
-    at = found.at(np.array([-0.1, 0.5, 1.0, 5.0, 10.0]))
+    at = found.at(np.array([-0.3, 0.5, 1.0, 5.0, 10.0]))
     assert at.latitude_deg == pytest.approx([np.nan, 15, 20, np.nan, 30], nan_ok=True)
     assert abs(at.longitude_deg[1]) == pytest.approx(180)
     assert at.gimbal_yaw_deg[1] == pytest.approx(-180)
     assert at.gimbal_pitch_deg == pytest.approx([np.nan] * 4 + [-60], nan_ok=True)
     wide = found.at(np.array([5.5]), max_gap_s=20)
     assert wide.latitude_deg == pytest.approx([25])
+
+
+def test_the_ends_hold_for_stamps_that_were_rounded() -> None:
+    """Frames at 30 a second against subtitles in whole ms; and no further than the spacing."""
+    frames_s = np.arange(6) / 30
+    found = track(times_s=np.round(frames_s, 3), latitude_deg=np.arange(6.0), longitude_deg=[8] * 6)
+    at = found.at(np.array([-0.03, frames_s[-1], frames_s[-1] + 0.03, frames_s[-1] + 0.05]))
+    assert at.latitude_deg == pytest.approx([0, 5, 5, np.nan], abs=0.02, nan_ok=True)
+
+
+def test_the_gaps_of_a_phone_are_its_spacing() -> None:
+    for spacing_s, gap_s in ((0.2, 2.0), (2.0, 6.0), (5.0, 10.0)):
+        times_s = spacing_s * np.arange(5)
+        phone = track(times_s=times_s, latitude_deg=[1, 2, 3, 4, 5], longitude_deg=[8] * 5)
+        assert phone.usual_gap_s == pytest.approx(gap_s)
 
 
 def test_a_staircase_is_taken_at_its_steps() -> None:

@@ -130,3 +130,47 @@ def test_a_tuple_is_read_in_its_order_or_refused(
     assert (found.latitude_deg[0], found.longitude_deg[0] % 360) == pytest.approx(
         (expected[0], expected[1] % 360)
     )
+
+
+ASS = """[Script Info]
+ScriptType: v4.00+
+
+[V4+ Styles]
+Format: Name, Fontname
+Style: Default,Arial
+
+[Events]
+Format: Layer, Start, End, Style, Name, MarginL, MarginR, MarginV, Effect, Text
+"""
+
+
+def ass_line(start: str, text: str) -> str:
+    return f"Dialogue: 0,{start},0:00:09.00,Default,,0,0,0,,{text}\n"
+
+
+def test_subtitles_of_autel_are_read_as_those_of_srt(tmp_path: Path) -> None:
+    path = tmp_path / "MAX_0001.ass"
+    text = "{{\\pos(5,5)}}HOME(W: 117.9, S: 33.6) 2024.3.8 16:49:2{0}\\NGPS(W: {1}, S: 33.6, 37.5m)"
+    lines = [ass_line(f"0:00:0{i}.50", text.format(i, 117.9605 + i / 1e4)) for i in range(3)]
+    path.write_text(ASS + "".join(lines))
+    found = read_telemetry(path)
+    assert found.times_s == pytest.approx([0.5, 1.5, 2.5])
+    assert found.latitude_deg == pytest.approx([-33.6] * 3)
+    assert found.longitude_deg == pytest.approx([-117.9605, -117.9606, -117.9607])
+    assert found.altitude_m == pytest.approx([37.5] * 3)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (ass_line("0:00:01", "GPS(W: 117.9x, S: 33.6, 37m)"), "line 10"),
+        (ass_line("soon", "GPS(W: 117.9, S: 33.6, 37m)"), "line 10: no subtitle with a start"),
+        ("Dialogue: 0,0:00:01.00\n", "line 10: no subtitle with a start"),
+        (ass_line("0:00:01.00", "no position"), "position"),
+    ],
+)
+def test_ass_of_no_known_form_is_refused(tmp_path: Path, line: str, reason: str) -> None:
+    path = tmp_path / "a.ass"
+    path.write_text(ASS + line)
+    with pytest.raises(BadInputError, match=reason):
+        read_telemetry(path)
