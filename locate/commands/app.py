@@ -10,6 +10,7 @@ import typer
 from locate import __version__
 from locate.commands.adapt import adapt
 from locate.commands.bos import bos
+from locate.commands.calibrate import calibrate
 from locate.commands.console import out
 from locate.commands.detect import detect
 from locate.commands.evaluate import evaluate
@@ -42,7 +43,11 @@ def _ending_in_one_line(command: Callable[Given, None]) -> Callable[Given, None]
     return run_interruptibly
 
 
-for command in (run, demo, survey, detect, adapt, simulate, evaluate, bos, pattern, train):
+COMMANDS = (
+    *(run, demo, survey, detect, adapt, simulate, evaluate, bos, pattern, train),
+    calibrate,
+)
+for command in COMMANDS:
     app.command()(_ending_in_one_line(command))
 
 
