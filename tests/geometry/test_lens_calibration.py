@@ -25,7 +25,9 @@ CAMERAS: dict[LensName, Camera] = {
 }  # fmt: skip
 
 
-def boards(camera: Camera, *, count: int = 16, spread: float = 1.0) -> list[BoardView]:
+def boards(
+    camera: Camera, *, count: int = 16, spread: float = 1.0, noise_px: float = NOISE_PX
+) -> list[BoardView]:
     """A board of 9x6 corners, a field 3 cm wide, from all sides and in all parts of the image."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:6, :9]
@@ -37,7 +39,7 @@ def boards(camera: Camera, *, count: int = 16, spread: float = 1.0) -> list[Boar
         aim = np.array([0, 0, 1.0]) + spread * (aim / aim[2] - [0, 0, 1])
         turn = Rotation.from_euler("xyz", rng.uniform(-0.5, 0.5, 3) * (1, 1, 2))
         in_cam = turn.apply(flat) + rng.uniform(13, 18) * aim
-        in_image = camera.project(in_cam) + rng.normal(0, NOISE_PX, (54, 2))
+        in_image = camera.project(in_cam) + rng.normal(0, noise_px, (54, 2))
         if ((in_image > 0) & (in_image < SIZE)).all():
             views.append(BoardView(name=f"{len(views)}", on_board=on_board, in_image=in_image))
     return views
@@ -59,19 +61,26 @@ def test_a_lens_can_be_asked_for() -> None:
     assert calibrate_lens(boards(CAMERAS["pinhole"]), SIZE, "radial").camera.model == "OPENCV"
 
 
+def corner_of(view: BoardView) -> BoardView:
+    """Only 4x3 of its corners."""
+    kept = (view.on_board < (4, 3)).all(axis=1)
+    return BoardView(name=view.name, on_board=view.on_board[kept], in_image=view.in_image[kept])
+
+
 def test_what_does_not_suffice_is_refused() -> None:
     camera = CAMERAS["pinhole"]
     with pytest.raises(BadInputError, match="seen in 5 pictures"):
         calibrate_lens(boards(camera, count=5), SIZE)
     with pytest.raises(BadInputError, match="covers"):
-        calibrate_lens(boards(camera, spread=0.02), SIZE)
+        calibrate_lens([corner_of(view) for view in boards(camera, spread=0.02)], SIZE)
+    blurred = boards(camera, noise_px=3.0)
     with pytest.raises(BadInputError, match="px off"):
-        calibrate_lens(boards(CAMERAS["radial"]), (640, 480), "pinhole")
+        calibrate_lens(blurred, SIZE, "pinhole")
 
 
 def test_a_lens_that_sees_too_much_is_named() -> None:
     wide = Camera(
-        model="OPENCV_FISHEYE", width=640, height=480, params=(210, 210, 322, 236, 0, 0, 0, 0)
+        model="OPENCV_FISHEYE", width=640, height=480, params=(280, 280, 322, 236, 0, 0, 0, 0)
     )
     with pytest.raises(BadInputError, match="beyond 120 degrees"):
         calibrate_lens(boards(wide), SIZE, "fisheye")
@@ -110,8 +119,9 @@ def test_the_corners_of_a_charuco_board_are_found() -> None:
     found = CalibrationBoard.parse("charuco:4x4_50:7x5").find(page)
     assert found is not None
     assert len(found.on_board) == 24
-    steps = (found.in_image - found.in_image[0])[1:] / (found.on_board - found.on_board[0])[1:]
-    assert np.nanmedian(steps) == pytest.approx(100, abs=1)
+    order = np.lexsort(found.on_board.T)
+    places, seen = found.on_board[order], found.in_image[order]
+    np.testing.assert_allclose(seen - seen[0], 100 * (places - places[0]), atol=0.5)
 
 
 @pytest.mark.parametrize("text", ["", "9", "9x2", "charuco:9x6", "charuco:NONE:7x5", "0x0"])
