@@ -210,7 +210,7 @@ def test_the_longest_of_several_shots_is_used(tmp_path: Path) -> None:
         open_recording(tmp_path / "v.mkv"), tmp_path / "chosen", shot=2, target_motion=0.015
     )
     assert 30 <= chosen.indices.min() < chosen.indices.max() <= 49
-    assert "number 2, 1.50 to 2.60 s, is used, and 73 frames" in chosen.warnings[0]
+    assert "number 2, 1.50 to 2.60 s, is used, and 70 frames" in chosen.warnings[0]
     with pytest.raises(BadInputError, match="has no shot 4, only 1 to 3: 0"):
         select_frames(open_recording(tmp_path / "v.mkv"), tmp_path / "none", shot=4)
 
