@@ -108,7 +108,7 @@ def _root_of_median(power: FloatMap, usable: BoolArray) -> float:
 
 
 def _cells(power: FloatMap, usable: BoolArray) -> tuple[tuple[float | None, ...], ...]:
-    def split(plane: FloatMap | BoolArray) -> list[list[FloatMap]]:
+    def split(plane: np.ndarray) -> list[list[np.ndarray]]:
         rows = np.array_split(plane, ROWS, axis=0)
         return [np.array_split(row, COLUMNS, axis=1) for row in rows]
 

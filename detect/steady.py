@@ -57,13 +57,14 @@ class Shaking:
             slopes = gradients(reference)
             window = LeastSquaresWindow(*slopes, WINDOW_PX, NOISE)
             weight = blur(slopes[0] ** 2 + slopes[1] ** 2, WINDOW_PX)[::THINNING, ::THINNING]
-            weight = np.minimum(weight, STRONG_TEXTURE) + 1e-3
+            weight = np.asarray(np.minimum(weight, STRONG_TEXTURE) + 1e-3, dtype=np.float32)
             change = np.stack([_fit_motion(window, tone - reference, weight) for tone in tones])
             total += change
             moved = [_take_out(image, field) for image, field in zip(small, total, strict=True)]
             if np.abs(change).max() < SETTLED_PX:
                 break
-            reference = np.mean([relative_tone(image) for image in moved], axis=0)
+            tones = [relative_tone(image) for image in moved]
+            reference = np.asarray(np.mean(tones, axis=0), dtype=np.float32)
         return cls(fields_px=total)
 
     @property

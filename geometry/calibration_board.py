@@ -57,8 +57,9 @@ class CalibrationBoard:
         sizes = [] if match is None else [int(n) for n in match.groups()[-2 if plain else 1 :][:2]]
         if not sizes or min(sizes) < 3:
             raise BadInputError(f"--board {text}: expected {SYNTAX}, at least 3 each way")
+        columns, rows = sizes
         if charuco is None:
-            return cls(*sizes)
+            return cls(columns, rows)
         dictionary = getattr(cv2.aruco, f"DICT_{charuco[1].upper()}", None)
         if dictionary is None:
             raise BadInputError(f"--board {text}: OpenCV has no dictionary {charuco[1]}")
@@ -67,7 +68,7 @@ class CalibrationBoard:
             board = cv2.aruco.CharucoBoard(
                 sizes, 1.0, share, cv2.aruco.getPredefinedDictionary(dictionary)
             )
-            return cls(*sizes, cv2.aruco.CharucoDetector(board))
+            return cls(columns, rows, cv2.aruco.CharucoDetector(board))
         except cv2.error as error:
             raise BadInputError(f"--board {text}: not a board that OpenCV can make") from error
 

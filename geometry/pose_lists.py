@@ -54,7 +54,8 @@ def read_pose_list(path: Path) -> PoseList:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise BadInputError(f"{path}: not a readable list of poses ({error})") from error
-    header, rows = "", []
+    header = ""
+    rows: list[tuple[int, list[str]]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         cells = [cell for cell in re.split(r"[\s,;]+", line.strip()) if cell]
         if not cells or line.lstrip().startswith("#") or (not rows and cells[0][0].isalpha()):

@@ -90,8 +90,9 @@ def detect_frames(
     recording = open_recording(path, max_side=ANY_SIDE)
     with _claim_folder(output) as scratch:
         files = FrameFiles.of(recording, scratch, every=every)
+        notes: tuple[str, ...] = ()
         if poses is None:
-            frames, notes = files.frames(), ()
+            frames = files.frames()
         else:
             files, frames, notes = files.with_poses(poses, camera)
         summaries = _detect_each(frames, files, detector, output, threshold_nats, report)
