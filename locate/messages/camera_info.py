@@ -72,8 +72,16 @@ def is_calibrated(message: Any, *, rectified: bool = False) -> bool:
 
 
 def _calibration_matrix(message: Any, *, rectified: bool) -> NDArray[np.float64]:
-    """(3, 3 or 4) the matrix that projects into the images."""
-    return np.array(_read_field(message, "p" if rectified else "k"), dtype=float).reshape(3, -1)
+    """(3, 3 or 4) the matrix that projects into the images.
+
+    Raises:
+        BadInputError: It has another number of entries.
+    """
+    columns = 4 if rectified else 3
+    matrix = np.array(_read_field(message, "p" if rectified else "k"), dtype=float)
+    if matrix.size != 3 * columns:
+        raise BadInputError(f"camera_info has a matrix of {matrix.size} numbers")
+    return matrix.reshape(3, columns)
 
 
 def _read_field(message: Any, name: str) -> Any:

@@ -10,13 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry import MOST_PIXELS
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from geometry.stretch import GREYS, Stretch
 from locate.messages.poses import NS_PER_S
 
-MOST_PIXELS = 1 << 28
-"""Larger images are refused: a damaged header must not fill the memory (chosen)."""
 KEPT_STEP = 4
 """Of an image that set the scale of a live stream, one pixel of so many a side is kept."""
 VIDEO_ADVICE = (

@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from geometry.trajectory import Trajectory
+from geometry.trajectory import FARTHEST, MOST_VARIANCE, Trajectory
 
 NS_PER_S = 1_000_000_000
 RIGID_TOLERANCE = 1e-3
 """Largest error of an entry of R^T R that float32 messages and rounded files need (chosen)."""
+MOST_POSES = 30_000
+"""Kept in a buffer: 30 s at 1 kHz (chosen)."""
 UNKNOWN_COVARIANCE = np.full((6, 6), np.nan)
 """Of poses that come without one."""
 
@@ -47,14 +49,19 @@ class StampedPose:
                 f"pose {pose.shape} with covariance {covariance.shape}: give (4, 4) and (6, 6)"
             )
         rotation = pose[:3, :3]
-        if not np.isfinite(pose).all() or (
+        turned = np.isfinite(pose).all() and np.abs(rotation).max() < 2  # squares may overflow
+        if not turned or (
             np.abs(rotation.T @ rotation - np.eye(3)).max() > RIGID_TOLERANCE
             or np.linalg.det(rotation) < 0
             or (pose[3] != [0, 0, 0, 1]).any()
         ):
             raise BadInputError("pose is not a rotation and a translation of finite numbers")
+        if np.abs(pose[:3, 3]).max() > FARTHEST:
+            raise BadInputError(f"pose is over {FARTHEST:g} m from the origin")
         if np.isinf(covariance).any() or (np.diag(covariance) < 0).any():
             raise BadInputError("pose covariance is infinite or has a negative variance")
+        if (np.abs(covariance) > MOST_VARIANCE).any():
+            raise BadInputError(f"pose covariance is over {MOST_VARIANCE:g} m squared")
 
     @property
     def center_in_world(self) -> FloatArray:
@@ -68,10 +75,18 @@ class PoseBuffer:
     Args:
         kept_ns: Poses older than the newest by more than this are forgotten.
         max_gap_ns: Across a longer gap nothing is interpolated.
+        most: Of more poses the oldest are forgotten.
     """
 
-    def __init__(self, *, kept_ns: int = 30 * NS_PER_S, max_gap_ns: int = NS_PER_S // 2) -> None:
+    def __init__(
+        self,
+        *,
+        kept_ns: int = 30 * NS_PER_S,
+        max_gap_ns: int = NS_PER_S // 2,
+        most: int = MOST_POSES,
+    ) -> None:
         self._poses: list[StampedPose] = []
+        self._most = most
         self._kept_ns = kept_ns
         self._max_gap_ns = max_gap_ns
 
@@ -86,7 +101,8 @@ class PoseBuffer:
         else:
             insort(self._poses, pose, key=_stamp)
         oldest_ns = self._poses[-1].stamp_ns - self._kept_ns
-        del self._poses[: bisect_left(self._poses, oldest_ns, key=_stamp)]
+        old = bisect_left(self._poses, oldest_ns, key=_stamp)
+        del self._poses[: max(old, len(self._poses) - self._most)]
 
     def interpolate_at(self, stamp_ns: int) -> StampedPose | None:
         """The pose at `stamp_ns`, or None where no two poses near enough stand around it (yet).

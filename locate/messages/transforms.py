@@ -9,9 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.trajectory import FARTHEST
 from locate.messages.codec import read_stamp_ns
 from locate.messages.poses import UNKNOWN_COVARIANCE, PoseBuffer, StampedPose
 
+MOST_KNOWN, MOST_POSES = 512, 4096
+"""Frames that are known, and moments of each, at most: a flood of TF must not fill the memory
+(chosen)."""
 MOST_FRAMES = 64
 """Frames from one to the root, at most: a loop of frames ends there (chosen)."""
 
@@ -24,8 +28,11 @@ def pose_matrix(translation: Any, rotation: Any) -> FloatArray:
     """
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w], dtype=float)
     shift = np.array([translation.x, translation.y, translation.z], dtype=float)
-    if not np.isfinite([*quaternion, *shift]).all() or np.linalg.norm(quaternion) < 1e-6:
+    size = np.abs(quaternion).max()
+    if not np.isfinite([*quaternion, *shift]).all() or not 1e-6 < size < 1e6:
         raise BadInputError("pose has no rotation, or numbers that are not finite")
+    if np.abs(shift).max() > FARTHEST:
+        raise BadInputError(f"pose is over {FARTHEST:g} m from the origin")
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, 3] = shift
@@ -37,8 +44,14 @@ def tangent_covariance(world_from_body: FloatArray, ros_covariance: Any) -> Floa
 
     There it is row-major in the order x, y, z, rotation about the world's X, Y, Z. All zeros, or
     a negative variance, mean unknown: NaN.
+
+    Raises:
+        BadInputError: It has another number of entries.
     """
-    given = np.array(ros_covariance, dtype=float).reshape(6, 6)
+    given = np.array(ros_covariance, dtype=float)
+    if given.shape != (36,):
+        raise BadInputError(f"pose covariance has {given.size} numbers, expected 36")
+    given = given.reshape(6, 6)
     if not np.isfinite(given).all() or (np.diag(given) < 0).any() or not given.any():
         return UNKNOWN_COVARIANCE
     swapped = np.roll(given, (3, 3), axis=(0, 1))
@@ -60,38 +73,50 @@ def ros_covariance(world_from_body: FloatArray, covariance: FloatArray) -> Float
 
 
 class TransformTree:
-    """The transforms between a robot's frames over time, as TF sends them."""
+    """The transforms between a robot's frames over time, as TF sends them.
+
+    Attributes:
+        refused: How many could not be taken.
+        last_refusal: Why the latest of them could not.
+    """
 
     def __init__(self) -> None:
+        self.refused = 0
+        self.last_refusal: BadInputError | None = None
         self._parents: dict[str, str] = {}
         self._fixed: dict[str, FloatArray] = {}
         self._moving: dict[str, PoseBuffer] = {}
 
     def add(self, transforms: Iterable[Any], *, static: bool) -> list[int]:
-        """Takes `geometry_msgs/TransformStamped`; those that cannot be are left out.
+        """Takes `geometry_msgs/TransformStamped`; those that cannot be are counted.
 
         Returns:
             The stamps of those taken, ns.
         """
         stamps = []
         for one in transforms:
-            child, parent = _plain_name(one.child_frame_id), _plain_name(one.header.frame_id)
             try:
-                matrix = pose_matrix(one.transform.translation, one.transform.rotation)
-            except BadInputError:
-                continue
-            self._parents[child] = parent
-            stamps.append(read_stamp_ns(one.header))
-            if static:
-                self._fixed[child] = matrix
-            else:
-                buffer = self._moving.setdefault(child, PoseBuffer())
-                buffer.add(
-                    StampedPose(
-                        stamp_ns=stamps[-1], world_from_cam=matrix, covariance=UNKNOWN_COVARIANCE
-                    )
-                )
+                stamps.append(self._add_one(one, static=static))
+            except BadInputError as error:
+                self.refused += 1
+                self.last_refusal = error
         return stamps
+
+    def _add_one(self, one: Any, *, static: bool) -> int:
+        child, parent = _plain_name(one.child_frame_id), _plain_name(one.header.frame_id)
+        if child not in self._parents and len(self._parents) >= MOST_KNOWN:
+            raise BadInputError(f"TF names over {MOST_KNOWN} frames; {child!r} is left out")
+        matrix = pose_matrix(one.transform.translation, one.transform.rotation)
+        stamp_ns = read_stamp_ns(one.header)
+        if static:
+            self._fixed[child] = matrix
+        else:
+            pose = StampedPose(
+                stamp_ns=stamp_ns, world_from_cam=matrix, covariance=UNKNOWN_COVARIANCE
+            )
+            self._moving.setdefault(child, PoseBuffer(most=MOST_POSES)).add(pose)
+        self._parents[child] = parent
+        return stamp_ns
 
     def find(self, target: str, source: str, stamp: int) -> FloatArray | None:
         """(4, 4) target_from_source at `stamp` ns, None where TF does not hold it (yet)."""

@@ -37,6 +37,10 @@ MOST_PENDING_UPDATES = 1024
 AT_LEAST_EVERY_S = 5.0
 """Views that are too few for a decision of their own wait at most this long (chosen)."""
 
+CLOSING_S, ENDING_S = 10.0, 1.0
+"""How long `close` waits for work to be done, and for what is left once the processes are ended
+(chosen)."""
+
 log = logging.getLogger("locate.robot")
 
 
@@ -221,15 +225,26 @@ class Locator:
             self._begin_session(self._selector.rectifier.camera)
 
     def close(self) -> None:
-        """Ends the threads, once their current work is done, and the processes."""
+        """Ends the threads, once their current work is done, and the processes.
+
+        Work that takes longer than `CLOSING_S` is given up.
+        """
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        for thread in self._threads:
-            thread.join()
+        self._join_threads(CLOSING_S)
         self._searcher.close()
         for worker in self._detector_workers:
             worker.close()
+        if not self._join_threads(ENDING_S):
+            log.warning("the detector is still at work; it ends with the program")
+
+    def _join_threads(self, timeout_s: float) -> bool:
+        """Waits for the threads to end; whether all have."""
+        ends_at = time.monotonic() + timeout_s
+        for thread in self._threads:
+            thread.join(max(0.0, ends_at - time.monotonic()))
+        return not any(thread.is_alive() for thread in self._threads)
 
     def __enter__(self) -> Self:
         return self

@@ -111,19 +111,31 @@ class MessageAdapter:
 
     def add_static_transforms(self, message: Any) -> None:
         """Takes a `TFMessage` of ``/tf_static``: it holds for ever."""
-        self.transform_tree.add(message.transforms, static=True)
+        self._add_to_tree(message, static=True)
 
     def add_transforms(self, message: Any) -> None:
         """Takes a `TFMessage`."""
-        self.transform_tree.add(message.transforms, static=False)
+        self._add_to_tree(message, static=False)
         self._find_waiting_poses()
+
+    def _add_to_tree(self, message: Any, *, static: bool) -> None:
+        before = self.transform_tree.refused
+        self.transform_tree.add(message.transforms, static=static)
+        refusal = self.transform_tree.last_refusal
+        if refusal is not None and self.transform_tree.refused > before:
+            self.count_refusal("tf", refusal)
 
     def _find_waiting_poses(self) -> None:
         """Looks up the poses of the images that wait for TF."""
         if self._wiring.pose_source != "tf" or self.locator is None:
             return
         for stamp in list(self._pending):
-            pose = self._pose_resolver.pose_from_tf(stamp)
+            try:
+                pose = self._pose_resolver.pose_from_tf(stamp)
+            except BadInputError as error:
+                self._pending.remove(stamp)
+                self.count_refusal("pose", error)
+                continue
             if pose is not None:
                 self._pending.remove(stamp)
                 self.locator.feed_pose(pose.world_from_cam, pose.covariance, stamp)

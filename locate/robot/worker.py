@@ -7,6 +7,7 @@ for that; so these run Python alone, each with a pipe that only its two ends can
 import os
 import subprocess
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -45,6 +46,7 @@ class SubprocessWorker:
 
     def __init__(self, make: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
         self._construction = make, arguments, keywords
+        self._calling, self._closed = threading.Lock(), False
         self._start_process()
 
     def call_method(self, method: str, *arguments: Any) -> Any:
@@ -55,27 +57,36 @@ class SubprocessWorker:
             RuntimeError: It failed in another way (the message holds its traceback), or its
                 process died.
         """
-        try:
-            self._pipe.send((WITH_REPLY, method, arguments))
-            answer = self._pipe.recv()
-        except (EOFError, OSError) as error:
-            self.close()
-            self._start_process()
-            raise RuntimeError(f"the process of {self._construction[0].__name__} died") from error
+        with self._calling:
+            try:
+                self._pipe.send((WITH_REPLY, method, arguments))
+                answer = self._pipe.recv()
+            except (EOFError, OSError) as error:
+                self._end_process()
+                if not self._closed:
+                    self._start_process()
+                name = self._construction[0].__name__
+                raise RuntimeError(f"the process of {name} died") from error
         if isinstance(answer, Exception):
             raise answer
         return answer
 
     def send_call(self, method: str, *arguments: Any) -> None:
         """Calls a method of the object without waiting for it; a failure is not reported."""
-        with suppress(OSError):
+        with self._calling, suppress(OSError):
             self._pipe.send((WITHOUT_REPLY, method, arguments))
 
     def close(self) -> None:
-        """Ends the process, whatever it is doing."""
-        self._pipe.close()
+        """Ends the process, whatever it is doing, and a call that another thread waits for."""
+        self._closed = True
+        self._process.kill()
+        with self._calling:
+            self._end_process()
+
+    def _end_process(self) -> None:
         self._process.kill()
         self._process.wait()
+        self._pipe.close()
 
     def _start_process(self) -> None:
         """Starts the process, where the keys that interrupt the robot's program do not reach."""

@@ -129,3 +129,46 @@ def test_unknown_pose_source_is_refused() -> None:
 def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(BadInputError, match=next(iter(wrong))):
         LocatorSettings(**wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"width": 2**32 - 1, "height": 2**32 - 1},
+        {"k": [1e300, 0, 320, 0, 510, 240, 0, 0, 1]},
+        {"k": [float("inf"), 0, 320, 0, 510, 240, 0, 0, 1]},
+        {"k": [500.0, 0, 320]},
+        {"d": [1e300] * 5},
+        {"d": [float("nan")] * 5},
+        {"binning_x": 2**31},
+    ],
+    ids=str,
+)
+def test_a_camera_info_that_overflows_is_counted(wrong: dict[str, Any]) -> None:
+    made = MessageAdapter(Wiring(), settings=SETTINGS, threaded=False)
+    made.add_camera_info(camera_info(**wrong))
+    assert made.locator is None
+    assert made.refusals["camera_info"] == 1
+    made.add_camera_info(camera_info(**SMALL))
+    assert made.locator is not None
+    made.add_camera_info(camera_info(**wrong))
+    assert made.refusals["camera_info"] == 2
+    made.close()
+
+
+def test_tf_that_overflows_is_counted() -> None:
+    made = MessageAdapter(Wiring(), settings=SETTINGS, threaded=False)
+    made.add_camera_info(camera_info(**SMALL))
+    made.add_image(picture(0))
+    far = np.eye(4)
+    far[0, 3] = 1e200
+    for add in (made.add_transforms, made.add_static_transforms):
+        add(transforms("camera", "map", far))
+    assert made.refusals["tf"] == 2
+    assert "origin" in made.last_refusal
+    half = np.eye(4)
+    half[0, 3] = 9e8
+    made.add_transforms(transforms("camera", "base_link", half))
+    made.add_transforms(transforms("base_link", "map", half))
+    assert made.refusals["pose"] == 1
+    made.close()

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
-from locate.messages.poses import NS_PER_S
+from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose
 from locate.messages.transforms import (
     TransformTree,
     camera_covariance,
@@ -123,3 +123,61 @@ def test_loop_in_the_tree_ends() -> None:
     tree = TransformTree()
     tree.add([stamped("a", "b", np.eye(4)), stamped("b", "a", np.eye(4))], static=True)
     assert tree.find("map", "a", 0) is None
+
+
+@pytest.mark.parametrize("size", [1e30, 1e200, float("inf")])
+@pytest.mark.parametrize("static", [True, False])
+def test_transforms_that_overflow_are_counted(size: float, *, static: bool) -> None:
+    tree = TransformTree()
+    far = np.eye(4)
+    far[0, 3] = size
+    stretched = stamped("b", "a", np.eye(4))
+    stretched.transform.rotation = quaternion(size, size, 0.0, 1.0)
+    assert tree.add([stamped("b", "a", far), stretched], static=static) == []
+    assert tree.refused == 2
+    assert isinstance(tree.last_refusal, BadInputError)
+    assert tree.find("a", "b", 0) is None
+
+
+def test_a_flood_of_frames_and_moments_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("locate.messages.transforms.MOST_KNOWN", 3)
+    monkeypatch.setattr("locate.messages.transforms.MOST_POSES", 5)
+    tree = TransformTree()
+    for i in range(20):
+        tree.add([stamped(f"frame_{i}", "map", np.eye(4))], static=bool(i % 2))
+    assert tree.refused == 17
+    assert tree.find("map", "frame_2", 0) is not None
+    for stamp_ns in range(100):
+        tree.add([stamped("frame_0", "map", np.eye(4), stamp_ns)], static=False)
+    assert tree.refused == 17
+    assert tree.find("map", "frame_0", 99) is not None
+    assert tree.find("map", "frame_0", 94) is None
+
+
+@pytest.mark.parametrize("covariance", [np.zeros(35), np.zeros(0)])
+def test_a_covariance_of_another_size_is_refused(covariance: np.ndarray) -> None:
+    with pytest.raises(BadInputError, match="expected 36"):
+        tangent_covariance(np.eye(4), covariance)
+
+
+def test_a_flood_of_poses_is_bounded() -> None:
+    buffer = PoseBuffer(most=10)
+    for stamp_ns in range(1000):
+        buffer.add(
+            StampedPose(
+                stamp_ns=stamp_ns, world_from_cam=np.eye(4), covariance=np.full((6, 6), np.nan)
+            )
+        )
+    assert len(buffer) == 10
+    assert buffer.interpolate_at(999) is not None
+
+
+@pytest.mark.parametrize("pose", [np.eye(4) * 1e200, np.diag([1.0, 1.0, 1.0, 1e300])])
+def test_poses_that_overflow_are_refused(pose: np.ndarray) -> None:
+    far = np.eye(4)
+    far[1, 3] = -1e10
+    for matrix in (pose, far):
+        with pytest.raises(BadInputError, match="pose"):
+            StampedPose(stamp_ns=0, world_from_cam=matrix, covariance=np.full((6, 6), np.nan))
+    with pytest.raises(BadInputError, match="covariance"):
+        StampedPose(stamp_ns=0, world_from_cam=np.eye(4), covariance=np.eye(6) * 1e200)

@@ -1,4 +1,6 @@
+import os
 import signal
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -131,3 +133,39 @@ def test_plume_is_confirmed_by_threads_and_a_process(views: Views, truth: Column
     assert updates[-1].state is TrackState.CONFIRMED
     error = plume.source - truth.source
     assert error @ np.linalg.solve(plume.source_covariance, error) < 16
+
+
+def test_close_does_not_wait_for_a_process_that_stands_still(
+    process: PlumeSearchWorker, views: Views, poses: list[StampedPose]
+) -> None:
+    os.kill(process._search._process.pid, signal.SIGSTOP)
+    ended: list[Exception] = []
+
+    def search() -> None:
+        try:
+            process.search_window(views, poses, NOTHING_SHARED)
+        except RuntimeError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=search, daemon=True)
+    thread.start()
+    process.close()
+    thread.join(60)
+    assert not thread.is_alive()
+    assert "died" in str(ended[0])
+    assert process._search._process.poll() is not None
+
+
+def test_locator_closes_over_a_process_that_stands_still(
+    views: Views, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("locate.robot.locator.CLOSING_S", 0.1)
+    locator = Locator(views.trajectory.camera, settings=QUICK, detector=Oracle(views))
+    assert isinstance(locator._searcher, PlumeSearchWorker)
+    os.kill(locator._searcher._search._process.pid, signal.SIGSTOP)
+    for moment in moments(views):
+        locator.feed(BLANK, moment.world_from_cam, moment.covariance, moment.stamp_ns)
+    closing = threading.Thread(target=locator.close, daemon=True)
+    closing.start()
+    closing.join(60)
+    assert not closing.is_alive()
