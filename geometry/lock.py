@@ -51,3 +51,20 @@ def hold_lock(
         yield
     finally:
         os.close(descriptor)
+
+
+@contextmanager
+def hold_output(folder: Path) -> Iterator[None]:
+    """Makes the folder that a command writes to, and holds it while the block runs.
+
+    Raises:
+        BadInputError: It cannot be made, or another command is at work on it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInputError(
+            f"{folder}: cannot be written ({error.strerror}); choose another folder with -o"
+        ) from error
+    with hold_lock(folder):
+        yield

@@ -11,6 +11,7 @@ from locate import __version__
 from locate.commands.adapt import adapt
 from locate.commands.bos import bos
 from locate.commands.calibrate import calibrate
+from locate.commands.clean import clean
 from locate.commands.console import out
 from locate.commands.detect import detect
 from locate.commands.evaluate import evaluate
@@ -44,7 +45,7 @@ def _ending_in_one_line(command: Callable[Given, None]) -> Callable[Given, None]
 
 
 COMMANDS = (
-    *(run, demo, survey, detect, adapt, simulate, evaluate, bos, pattern, train),
+    *(run, demo, clean, survey, detect, adapt, simulate, evaluate, bos, pattern, train),
     calibrate,
 )
 for command in COMMANDS:

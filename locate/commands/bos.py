@@ -8,6 +8,7 @@ import typer
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
+from geometry.lock import hold_output
 from locate.commands.console import Output, err, out
 from locate.journal.progress import Report, progress_bars
 
@@ -44,16 +45,17 @@ def bos(
     settings = PairSettings(flow=flow, size_px=size, every=every, split=split)
     parse_reference(reference)
     refused = 0
-    for path in recordings:
-        recording = open_recording(path, max_side=ANY_SIDE)
-        known = parse_reference(reference, recording.stretch)
-        name = path.resolve().stem if recording.is_video else path.resolve().name
-        with progress_bars(err) as report:
-            pairs = record_pairs(
-                name, _grey_frames(recording, name, report), known, output, settings
-            )
-        refused += pairs.fault is not None
-        out.print(describe_pairs(pairs))
+    with hold_output(output):
+        for path in recordings:
+            recording = open_recording(path, max_side=ANY_SIDE)
+            known = parse_reference(reference, recording.stretch)
+            name = path.resolve().stem if recording.is_video else path.resolve().name
+            with progress_bars(err) as report:
+                pairs = record_pairs(
+                    name, _grey_frames(recording, name, report), known, output, settings
+                )
+            refused += pairs.fault is not None
+            out.print(describe_pairs(pairs))
     if refused:
         raise BadInputError(
             f"{refused} of {len(recordings)} recordings refused, see {output / 'recordings'}"

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from geometry.errors import BadInputError
+from geometry.lock import hold_output
 from locate.commands.console import Output, err, out
 from locate.journal.progress import progress_bars
 
@@ -35,7 +36,7 @@ def simulate(
         raise BadInputError(f"{scene}: a campaign cannot be rendered --onto photos")
     if reduce is not None and onto is None:
         raise BadInputError("--reduce is for photos: give --onto as well")
-    with progress_bars(err) as report:
+    with hold_output(output), progress_bars(err) as report:
 
         def progress(done: int, total: int) -> None:
             report("rendering", done / total)

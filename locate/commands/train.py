@@ -13,6 +13,7 @@ import detect
 from detect.synthesis.raster import find_photos
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError
+from geometry.lock import hold_output
 from locate.commands.console import Output, err, out
 from locate.journal.progress import progress_bars
 
@@ -47,12 +48,12 @@ def train(
     except ModuleNotFoundError as error:
         raise BadInputError("torch is missing; pip install 'plume-locate[train]'") from error
 
-    with progress_bars(err) as report:
+    with hold_output(output), progress_bars(err) as report:
         render_missing(loaded, data or path.parent, report=report, processes=processes)
         measure_missing(loaded, report=report)
         render_missing_clips(loaded, report=report, processes=processes)
         run(loaded, output, report=report)
-    files = [*export_training(loaded, output), plot_training(output, output / "training.png")]
+        files = [*export_training(loaded, output), plot_training(output, output / "training.png")]
     for file in files:
         out.print(f"Wrote {file}", soft_wrap=True)
 

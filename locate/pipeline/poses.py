@@ -1,12 +1,12 @@
 """The stage that registers: a pose for every key frame, reconstructed or given."""
 
-import errno
 import json
-import shutil
 from pathlib import Path
 
 from geometry.camera import Camera
+from geometry.disk_space import check_space
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.named_poses import NamedPoses
 from geometry.removal import remove_inside
 from geometry.sfm import reconstruct
@@ -47,9 +47,7 @@ def reconstruct_poses(
         RegistrationError: The frames could not be registered; the error says why.
         OSError: Too little space.
     """
-    free = shutil.disk_usage(target.root).free
-    if free < len(key_frames) * SFM_BYTES_PER_FRAME:
-        raise OSError(errno.ENOSPC, "too little space for structure from motion", str(target.root))
+    check_space(target.root, len(key_frames) * SFM_BYTES_PER_FRAME)  # COLMAP aborts without it
     remove_inside(target.root, target.sfm.name)
     result = reconstruct(
         files.frames,
@@ -100,10 +98,17 @@ def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, targe
 
 
 def load_pose_notes(files: RunFiles) -> tuple[str, ...]:
-    """What the images left open of given poses."""
+    """What the images left open of given poses.
+
+    Raises:
+        BadInputError: The file is damaged.
+    """
     if not files.pose_notes.exists():
         return ()
-    return tuple(json.loads(files.pose_notes.read_text()))
+    try:
+        return tuple(map(str, parse_json(files.pose_notes.read_text())))
+    except (OSError, ValueError, TypeError) as error:
+        raise BadInputError(f"{files.pose_notes}: not a list of notes ({error})") from error
 
 
 def frames_with_poses(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:

@@ -4,7 +4,7 @@ import json
 import logging
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from geometry.atomic import is_unfinished, remove_unfinished, write_text_atomic
+from geometry.atomic import is_unfinished, remove_unfinished, sync, sync_tree, write_text_atomic
 from geometry.errors import BadInputError, describe_error
 from geometry.lock import LOCK, hold_lock
 from geometry.removal import path_inside, remove_inside
@@ -263,12 +263,27 @@ class RunFolder:
 
     def withdraw_others(self) -> None:
         """Removes what earlier runs left that this one has not: results of stages, half stages."""
+        self.remove_results(
+            {path.stem for path in (self.root / STAMPS).glob("[!.]*.json")} - self._done
+        )
+
+    def remove_results(self, stages: Collection[str]) -> None:
+        """Removes the results of some stages, which the next run makes again, and half stages."""
         with self._report_errors("removing old results"):
-            for stamp_path in (self.root / STAMPS).glob("[!.]*.json"):
-                if stamp_path.stem not in self._done:
-                    self._withdraw(stamp_path)
-            for left in list((self.root / PARTIAL).iterdir()):
+            for name in stages:
+                self._withdraw(self._stamp_path(name))
+            for left in self.half_stages():
                 remove_inside(left.parent, left.name)
+
+    def results_of(self, stage: str) -> list[Path]:
+        """What is there of the files and folders that a stage left."""
+        stamp = Stamp.load(self._stamp_path(stage))
+        outputs = [] if stamp is None else [self.root / name for name in stamp.outputs]
+        return [path for path in outputs if path.exists()]
+
+    def half_stages(self) -> list[Path]:
+        """What interrupted stages left."""
+        return sorted((self.root / PARTIAL).iterdir())
 
     def _partial(self, name: str, fingerprint: str) -> Path:
         """Where the stage builds; what the same stage left there with the same inputs is kept."""
@@ -289,10 +304,12 @@ class RunFolder:
             time=spent,
         )
         path = self._stamp_path(spent.name)
+        sync_tree(partial)
         stamp.model_copy(update={"fingerprint": PUBLISHING}).save(path)
         for name in stamp.outputs:
             remove_inside(self.root, name)
             (partial / name).replace(self.root / name)
         partial.rmdir()
+        sync(self.root)
         stamp.save(path)
         return stamp

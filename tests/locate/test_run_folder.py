@@ -485,3 +485,26 @@ def test_a_pipe_in_place_of_the_log_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "log.jsonl")
     with pytest.raises(BadInputError, match="not a file"):
         RunFolder(tmp_path)
+
+
+def test_results_are_on_the_disk_before_they_are_in_their_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    events: list[str] = []
+    fsync, replace = os.fsync, Path.replace
+
+    def record_sync(descriptor: int) -> None:
+        events.append(f"sync {Path(f'/proc/self/fd/{descriptor}').readlink().name}")
+        fsync(descriptor)
+
+    def record_move(path: Path, target: Path) -> Path:
+        events.append(f"move {path.name}")
+        return replace(path, target)
+
+    folder = RunFolder(tmp_path)
+    monkeypatch.setattr(os, "fsync", record_sync)
+    monkeypatch.setattr(Path, "replace", record_move)
+    folder.stage("one", inputs={}, build=make("x", []))
+    moved = events.index("move answer.txt")
+    assert events.index("sync answer.txt") < moved
+    assert f"sync {tmp_path.name}" in events[moved:]
