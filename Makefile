@@ -5,13 +5,15 @@ EXAMPLES ?= 3000
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test robust fuzz ros bench train lint picture clean
+.PHONY: help demo test robust fuzz audit sbom ros bench train lint picture clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
 	@echo "make robust  the tests that depend on rounding: kernels of other processors, threads, load"
 	@echo "make fuzz    the tests of damaged files with EXAMPLES=3000 of each kind: hours"
+	@echo "make audit   known weaknesses of the pinned packages, asked of PyPI"
+	@echo "make sbom    what an installation brings, with licences: build/sbom.cdx.json (CycloneDX)"
 	@echo "make ros     the ROS 2 node against real rclpy, Kilted and Jazzy"
 	@echo "make bench   the slow tests and the benchmarks: hours"
 	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR, sets in SETS=DIR"
@@ -30,6 +32,18 @@ robust: $(VENV)/dev.stamp
 
 fuzz: $(VENV)/dev.stamp
 	LOCATE_FUZZ_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest tests/fuzz -n 2 --maxfail 1000
+
+audit: build/tools.stamp
+	build/tools/bin/pip-audit --requirement constraints.txt --no-deps
+
+sbom: $(VENV)/runtime.stamp build/tools.stamp
+	build/tools/bin/cyclonedx-py environment --output-reproducible --pyproject pyproject.toml \
+		--output-file build/sbom.cdx.json $(BIN)/python
+
+build/tools.stamp:
+	.ci/venv build/tools
+	build/tools/bin/python -m pip install --quiet cyclonedx-bom pip-audit
+	@touch $@
 
 ros:
 	.ci/ros/run

@@ -14,6 +14,8 @@ from geometry.json_text import parse_json
 SCHEMA = "locate.network/1"
 PROVIDERS = ("CUDAExecutionProvider", "CPUExecutionProvider")
 QUIET = 4
+MOST_PADDING_PX = 4096
+"""Of an image on account of a file's stride or receptive field; real ones ask for tens."""
 LARGEST_PX = 2_000_000
 """Above this many pixels an image is run in tiles; a pixel costs some 300 bytes."""
 
@@ -84,7 +86,12 @@ class Network:
         self.stride, self.channels, self.receptive_px = sizes
         inputs = self._session.get_inputs()
         shape = inputs[0].shape if len(inputs) == 1 else None
-        if self.stride < 1 or not shape or len(shape) != 4 or shape[1] != self.channels:
+        if not 1 <= self.stride <= MOST_PADDING_PX or not 0 <= self.receptive_px <= MOST_PADDING_PX:
+            raise BadInputError(
+                f"{path}: stride {self.stride} and receptive_px {self.receptive_px} are not "
+                f"between 1 and {MOST_PADDING_PX} px; export it anew"
+            )
+        if not shape or len(shape) != 4 or shape[1] != self.channels:
             raise BadInputError(
                 f"{path}: expected one input (N, {self.channels}, H, W), found "
                 f"{[node.shape for node in inputs]}"

@@ -12,6 +12,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import ArrayLike
 
+from geometry import MOST_PIXELS
 from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
 from geometry.lens_keys import refuse_unread_terms
@@ -19,6 +20,9 @@ from geometry.lens_keys import refuse_unread_terms
 HALF_PIXEL = 0.5
 """Offset from COLMAP's pixel origin, the image corner, to ours, the centre of the first pixel;
 px."""
+
+LARGEST_PARAM = 1e7
+"""No parameter of a real camera is larger: px, or coefficients of its lens."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +62,16 @@ class Camera:
             raise BadInputError(
                 f"camera is {self.width}x{self.height} px; width and height must be positive"
             )
+        if self.width * self.height > MOST_PIXELS:
+            raise BadInputError(
+                f"camera is {self.width}x{self.height} px; over {MOST_PIXELS // 10**6} megapixels"
+            )
         if not np.isfinite(self.params).all():
             raise BadInputError(f"camera parameters {list(self.params)} must be finite numbers")
+        if np.abs(self.params).max() > LARGEST_PARAM:
+            raise BadInputError(
+                f"a camera parameter of {list(self.params)} is over {LARGEST_PARAM:g}"
+            )
         if min(self.params[i] for i in focal) <= 0:
             raise BadInputError(f"camera parameters {list(self.params)} need a focal length > 0 px")
 

@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 
+LONGEST = 1000
+"""Characters of a message; of a longer one, which quotes a file, the middle is left out."""
 INTERRUPTED = "interrupted; the same command goes on from here"
 
 
@@ -19,7 +21,10 @@ class LocateError(Exception):
 
     def __str__(self) -> str:
         lines = (line.strip() for line in super().__str__().splitlines())
-        return printable(" ".join(line for line in lines if line))
+        text = printable(" ".join(line for line in lines if line))
+        if len(text) <= LONGEST:
+            return text
+        return f"{text[: LONGEST // 2]} ... {text[-LONGEST // 4 :]}"
 
 
 class InterruptedRunError(LocateError):

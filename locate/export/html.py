@@ -1,10 +1,13 @@
 """Pages of one style: each is one file of HTML that works without a network."""
 
+from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from types import MappingProxyType
 
 
 def resource_path(name: str) -> Path:
@@ -26,7 +29,8 @@ def write_page(
     lead: str,
     facts: Iterable[tuple[str, str]],
     fragments: Mapping[str, str],
-    scripts: str = "",
+    scripts: Sequence[str] = (),
+    data: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Writes a page: the frame and the style that all share, around a body of its own.
 
@@ -38,8 +42,10 @@ def write_page(
         lead: The answer in a sentence or two.
         facts: Name and value of what a reader wants to know first.
         fragments: HTML for the places in the body.
-        scripts: HTML of the page's script elements.
+        scripts: JavaScript, the only one that the page's content-security policy lets run.
+        data: JSON by the name of its element, for the scripts.
     """
+    scripts = [one.replace("\r\n", "\n") for one in scripts]  # as browsers read and hash them
     page = Template(read_resource("page/page.html")).substitute(
         style=read_resource("page/style.css") + read_resource(f"{part}/style.css"),
         kind=escape(kind),
@@ -49,9 +55,26 @@ def write_page(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts
         ),
         body=Template(read_resource(f"{part}/body.html")).substitute(fragments),
-        scripts=scripts,
+        allowed=" ".join(map(_policy_hash, scripts)) or "'none'",
+        scripts="\n".join(
+            [
+                f'<script type="application/json" id="{name}">{_inside_script(text)}</script>'
+                for name, text in data.items()
+            ]
+            + [f"<script>{script}</script>" for script in scripts]
+        ),
     )
     path.write_text(page, encoding="utf-8")
+
+
+def _policy_hash(script: str) -> str:
+    """What names a script in a content-security policy."""
+    return f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'"
+
+
+def _inside_script(json_text: str) -> str:
+    """JSON that does not end the element around it."""
+    return json_text.replace("<", "\\u003c")
 
 
 def list_items(sentences: Iterable[str]) -> str:

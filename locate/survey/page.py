@@ -41,7 +41,7 @@ def write_map_page(path: Path, survey: Survey, cells: CellGrid | None) -> None:
         lead=_lead(survey, cells),
         facts=_facts(survey, cells),
         fragments=fragments,
-        scripts=f"<script>{read_resource('survey/map.js')}</script>",
+        scripts=[read_resource("survey/map.js")],
     )
 
 

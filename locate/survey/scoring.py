@@ -17,6 +17,8 @@ from locate.simulation.campaign import SCHEMA, Campaign
 from locate.survey.frame import offset_of
 from locate.survey.model import Survey
 
+MALFORMED = (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)
+"""What reading a file of another content raises."""
 GATE_M = 5.0
 """Farthest that a hotspot may be from its site, in the horizontal; chosen."""
 
@@ -52,8 +54,8 @@ class CampaignTruth:
             if content["schema"] != SCHEMA:
                 raise ValueError(f"schema {content['schema']!r}, expected {SCHEMA!r}")
             return cls._from_content(content, Campaign.load(folder / "campaign.yaml"), frame)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise BadInputError(f"{path}: not the truth of a campaign ({error})") from error
+        except MALFORMED as error:
+            raise BadInputError(f"{path}: not the truth of a campaign ({error!r})") from error
 
     @classmethod
     def _from_content(

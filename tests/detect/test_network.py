@@ -98,3 +98,12 @@ def test_broken_json_in_the_metadata_is_reported(tmp_path: Path) -> None:
     path = convolution(tmp_path / "broken.onnx", kernels, calibration="{")
     with pytest.raises(BadInputError, match="calibration"):
         Network(path).read_metadata("calibration")
+
+
+@pytest.mark.parametrize("changed", [{"stride": 0}, {"stride": 10**9}, {"receptive_px": 10**9}])
+def test_padding_that_no_network_needs_is_refused(
+    tmp_path: Path, changed: dict[str, object]
+) -> None:
+    path = convolution(tmp_path / "a.onnx", {"a": np.ones((1, 1, 3, 3))}, **changed)
+    with pytest.raises(BadInputError, match="not between 1 and 4096 px"):
+        Network(path)

@@ -13,6 +13,7 @@ import pytest
 
 from detect.detection import Detection
 from geometry.errors import BadInputError
+from geometry.json_text import parse_json
 from geometry.npz import read_npz, save_arrays
 from geometry.pose_files import read_poses, write_transforms_json
 from geometry.printable import printable, printable_lines
@@ -42,6 +43,20 @@ def test_every_refusal_is_one_line_without_control() -> None:
     assert len(said.splitlines()) == 1
     assert said.isprintable()
     assert "(line 1 line 2 )" in said
+
+
+def test_a_refusal_that_quotes_a_file_is_short() -> None:
+    said = str(BadInputError(f"a.json: {'x' * 1_000_000}: expected a number"))
+    assert len(said) < 1000
+    assert said.startswith("a.json: x")
+    assert said.endswith("x: expected a number")
+
+
+@pytest.mark.parametrize("number", [2**63, -(2**63), 10**400])
+def test_whole_numbers_that_no_array_holds_are_refused(number: int) -> None:
+    assert parse_json(json.dumps([2**63 - 1, 1 - 2**63])) == [2**63 - 1, 1 - 2**63]
+    with pytest.raises(ValueError, match="digits"):
+        parse_json(json.dumps({"a": number}))
 
 
 def test_the_console_prints_names_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:

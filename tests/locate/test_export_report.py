@@ -1,6 +1,7 @@
 import json
 import re
-from base64 import b64decode
+from base64 import b64decode, b64encode
+from hashlib import sha256
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,7 @@ def report(
 def figure(text: str) -> dict[str, Any]:
     block = re.search(r'<script type="application/json" id="figure">(.*?)</script>', text)
     assert block is not None
-    content: dict[str, Any] = json.loads(block[1].replace("<\\/", "</"))
+    content: dict[str, Any] = json.loads(block[1])
     return content
 
 
@@ -95,6 +96,35 @@ def test_the_page_needs_nothing_from_outside(tmp_path: Path) -> None:
     assert policy.startswith("default-src 'none'")
     assert text.count("plotly.js v") == 1
     assert len(text) < 6e6
+
+
+def policy_of(text: str) -> dict[str, list[str]]:
+    """The content-security policy of a page: what is allowed, by directive."""
+    content = next(attrs["content"] for _, attrs in Page(text).tags if "http-equiv" in attrs)
+    assert content is not None
+    parts = [part.split() for part in content.split(";")]
+    return {name: allowed for name, *allowed in parts}
+
+
+@pytest.mark.parametrize("trajectory", [orbit(), None])
+def test_only_the_scripts_of_the_page_itself_may_run(
+    tmp_path: Path, trajectory: Trajectory | None
+) -> None:
+    hostile = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\x1b[2J"
+    answer = plume_map(plume(), notes=(hostile,), detector=hostile)
+    text = report(
+        tmp_path / "report.html", answer, trajectory, settings={hostile: hostile}, notes=[hostile]
+    )
+    policy = policy_of(text)
+    assert policy["default-src"] == policy["base-uri"] == policy["form-action"] == ["'none'"]
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    hashes = [sha256(script.encode()).digest() for script in scripts]
+    expected = [f"'sha256-{b64encode(one).decode()}'" for one in hashes] or ["'none'"]
+    assert policy["script-src"] == expected
+    assert not any("alert" in script or "\r" in script for script in scripts)
+    tags = Page(text).tags
+    assert not any(name.startswith("on") for _, attrs in tags for name in attrs)
+    assert not any(attrs.get("src") == "x" for _, attrs in tags)
 
 
 def test_table_limits_and_times_are_in_the_text_itself(tmp_path: Path) -> None:

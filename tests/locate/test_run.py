@@ -32,6 +32,7 @@ from locate.recording.motion import StillnessTest
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.recording.writer import LOSSLESS, open_video
 from tests.detect.fluctuating import frames
+from tests.no_network import SOCKET_CALL, forbid_network
 
 FRAMES = "14"
 MID_STAGE = {"poses": "sfm/database.db", "detections": "detections/*.npz"}
@@ -43,7 +44,14 @@ def command(*arguments: object) -> list[str]:
 
 
 def locate(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
+    """Runs the command, to which the kernel gives no socket to the network."""
+    return subprocess.run(
+        command(*arguments),
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=forbid_network,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +70,15 @@ def test_run_leaves_every_file(finished: Path) -> None:
     }  # fmt: skip
     assert PlumeMap.load(finished / "map.json").units == "scene"
     assert len(Trajectory.load(finished / "trajectory.json")) == int(FRAMES)
+
+
+@pytest.mark.skipif(SOCKET_CALL is None, reason="the system calls of this processor")
+@pytest.mark.parametrize(("family", "code"), [("AF_INET", 1), ("AF_INET6", 1), ("AF_UNIX", 0)])
+def test_a_run_does_without_any_socket(finished: Path, family: str, code: int) -> None:
+    assert (finished / "map.json").exists()
+    asks = f"import socket; socket.socket(socket.{family})"
+    done = subprocess.run([sys.executable, "-c", asks], check=False, preexec_fn=forbid_network)
+    assert done.returncode == code
 
 
 def test_log_has_a_line_for_every_stage(finished: Path) -> None:

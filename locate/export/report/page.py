@@ -83,19 +83,19 @@ def write_report(
         lead=words.lead(plume_map),
         facts=words.facts(plume_map, trajectory),
         fragments=fragments,
-        scripts="" if spatial is None else _page_scripts(spatial),
+        scripts=() if spatial is None else _page_scripts(),
+        data={} if spatial is None else {"figure": _to_json(spatial)},
     )
 
 
-def _page_scripts(spatial: dict[str, Any]) -> str:
+def _to_json(spatial: dict[str, Any]) -> str:
+    return json.dumps(spatial, separators=(",", ":"), allow_nan=False)
+
+
+def _page_scripts() -> list[str]:
     from plotly.offline import get_plotlyjs
 
-    figure = json.dumps(spatial, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    return (
-        f"<script>{get_plotlyjs()}</script>\n"
-        f'<script type="application/json" id="figure">{figure}</script>\n'
-        f"<script>{read_resource('report/scene.js')}</script>"
-    )
+    return [get_plotlyjs(), read_resource("report/scene.js")]
 
 
 def _answer_table(plume_map: PlumeMap) -> str:
