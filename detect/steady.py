@@ -2,7 +2,7 @@
 
 Each frame moves by a translation, a rotation, a zoom and a shear (an affine map) and, as cameras
 read row after row, by a shift that varies slowly from row to row. What only part of the image
-does is no motion of the camera.
+does is no motion of the camera, unless it follows that motion, as what stands near does.
 """
 
 from collections.abc import Sequence
@@ -30,6 +30,11 @@ OUTLYING = 1.5
 """Residual that halves the weight of a pixel, in median residuals; chosen by hand."""
 ROW_SHARE = 1 / 12
 """Standard deviation of the blur of the rows' shifts, over the height; chosen by hand."""
+MOST_MODES, FRAMES_A_MODE = 6, 6
+"""Independent motions of the camera that parallax is sought of, and frames that each needs: chance
+explains one part in so many of what does not follow them; chosen by hand."""
+SHARE_PX = 1.0
+"""Standard deviation of the blur of the parallax, px of the coarse grid; chosen by hand."""
 SETTLED_PX, INVISIBLE_PX = 0.01, 0.02
 """A change of the fit that ends it, and a motion that is left in, px of `SIDE_PX`; by hand."""
 
@@ -65,7 +70,10 @@ class Shaking:
                 break
             tones = [relative_tone(image) for image in moved]
             reference = np.asarray(np.mean(tones, axis=0), dtype=np.float32)
-        return cls(fields_px=total)
+        window = LeastSquaresWindow(*gradients(reference), WINDOW_PX, NOISE)
+        planes = [window.shift_planes(relative_tone(image) - reference) for image in moved]
+        left = np.stack(planes)[..., ::THINNING, ::THINNING]
+        return cls(fields_px=total + _parallax(total, left))
 
     @property
     def rms_px(self) -> float:
@@ -97,6 +105,12 @@ class SteadyImages(Sequence[GreyImage]):
         if self._measured is None:
             self._measured = Shaking.measure(self._images)
         return self._measured
+
+    @property
+    def shaking_px(self) -> float:
+        """Root mean square of it, px of the frames."""
+        width = self._images[0].shape[1]
+        return self.shaking.rms_px * width / min(width, SIDE_PX)
 
     def __len__(self) -> int:
         return len(self._images)
@@ -137,6 +151,30 @@ def _fit_motion(window: LeastSquaresWindow, difference: FloatMap, weight: FloatM
     rows = _mean_of_rows(left.reshape(height, width, 2), trust.reshape(height, width))
     motion = (design @ fit).reshape(height, width, 2) + rows[:, None]
     return np.moveaxis(motion, -1, 0).astype(np.float32)
+
+
+def _parallax(motion: FloatMap, left: FloatMap) -> FloatMap:
+    """(T, 2, h, w) what of the displacements that are left moves with the camera.
+
+    What stands nearer or further than most moves by another share of the camera's motion; air does
+    not follow it.
+
+    Args:
+        motion: (T, 2, h, w) that most of the image shares.
+        left: (T, 2, h, w) displacements without it.
+    """
+    count = len(motion)
+    rows = (motion - motion.mean(axis=0)).reshape(count, -1)
+    modes, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    visible = sizes / np.sqrt(rows.size / 2) > INVISIBLE_PX
+    most = min(MOST_MODES, count // FRAMES_A_MODE)
+    used = modes[:, :most][:, visible[:most]]
+    parallax = np.zeros_like(motion)
+    for mode in used.T:
+        share = np.einsum("t,tchw->chw", mode, left)
+        smooth = np.stack([blur(plane, SHARE_PX) for plane in share])
+        parallax += mode[:, None, None, None] * smooth
+    return parallax
 
 
 def _mean_of_rows(left: FloatMap, trust: FloatArray) -> FloatArray:

@@ -119,6 +119,7 @@ def map_bearings(
         posed.camera.undistorted(),
         consecutive=images[posed.longest_sequence()],
         haze=haze,
+        shaking_px=images.shaking_px,
         seed=seed,
     )
     return PlumeMap(

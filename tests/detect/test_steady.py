@@ -12,6 +12,7 @@ from geometry.arrays import FloatMap, GreyImage
 
 SHAPE = (180, 240)
 COUNT = 24
+NEAR_ROW = 135
 
 
 def eddies(rng: np.random.Generator) -> FloatMap:
@@ -21,7 +22,12 @@ def eddies(rng: np.random.Generator) -> FloatMap:
 
 
 def recording(
-    *, haze_px: float = 0.0, shaking_px: float = 0.0, held: int = 1, seed: int = 0
+    *,
+    haze_px: float = 0.0,
+    shaking_px: float = 0.0,
+    near: float = 0.0,
+    held: int = 1,
+    seed: int = 0,
 ) -> list[GreyImage]:
     """Frames of a textured wall.
 
@@ -29,6 +35,7 @@ def recording(
         haze_px: Root mean square of the displacement by the air, in the lower half twice as much
             as in the upper.
         shaking_px: Standard deviation of each component of the camera's motion, which also turns.
+        near: By what share the lowest quarter, which stands nearer, moves more with the camera.
         held: Noise is renewed every so many frames, as by a codec.
         seed: Of everything random.
     """
@@ -44,6 +51,7 @@ def recording(
         shift, turn = shaking_px * rng.normal(size=2), shaking_px * rng.normal() / 200
         about = grid - np.array(SHAPE[::-1]) / 2
         motion = shift + turn * np.stack([-about[..., 1], about[..., 0]], axis=-1)
+        motion *= 1 + near * (grid[..., 1:] > NEAR_ROW)
         air = np.moveaxis(haze_px * stronger * eddies(rng), 0, -1)
         seen = sample(wall, (grid + motion + air).astype(np.float32)) + grain
         frames.append(np.clip(np.rint(seen), 0, 255).astype(np.uint8))
@@ -66,6 +74,15 @@ def test_what_does_not_shake_is_left_as_it_is() -> None:
     steady = SteadyImages(still)
     assert steady.shaking.rms_px < 0.02
     assert all((a == b).all() for a, b in zip(steady, still, strict=True))
+
+
+def test_what_stands_nearer_moves_more_and_is_still_taken_out() -> None:
+    """It moves by 0.4 px more than the rest."""
+    below = np.s_[NEAR_ROW + 10 :]
+    shaken = recording(shaking_px=0.6, near=0.5)
+    left = shifts_px(list(SteadyImages(shaken)))[..., below, :]
+    still = shifts_px(recording())[..., below, :]
+    assert np.sqrt((left**2).sum(axis=1).mean()) < 0.12 + np.sqrt((still**2).sum(axis=1).mean())
 
 
 def test_a_part_of_steady_images_is_as_steady() -> None:

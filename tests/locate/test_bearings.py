@@ -76,3 +76,13 @@ def test_before_haze_only_what_moves_far_more_is_a_plume() -> None:
     for share, count in ((0.2, 1), (0.5, 0)):
         haze = Haze(rms_px=share * usual.displacement_px, cells_px=())
         assert len(find_bearings(seen, CAMERA, haze=haze).bearings) == count
+
+
+def test_of_a_shaken_camera_single_frames_show_what_moves_further() -> None:
+    rng = np.random.default_rng(0)
+    seen = [detection(rng, True) for _ in range(10)]
+    (usual,) = find_bearings(seen, CAMERA).bearings
+    assert find_bearings(seen, CAMERA, shaking_px=0.6 * usual.displacement_px).bearings
+    found = find_bearings(seen, CAMERA, shaking_px=0.7 * usual.displacement_px)
+    assert found.bearings == ()
+    assert "one place that moves the image less" in found.notes[-1]

@@ -34,6 +34,8 @@ HAZY = (
     "The air moves all over the image: only what moves the image "
     f"{ABOVE_HAZE:g} times as far is reported."
 )
+ABOVE_SHAKING = 1.5
+"""Mean displacement of a plume in single frames, in the camera's own motion; chosen by hand."""
 
 
 class StillCameraResult(NamedTuple):
@@ -49,6 +51,7 @@ def find_bearings(
     *,
     consecutive: Sequence[GreyImage] = (),
     haze: Haze | None = None,
+    shaking_px: float = 0.0,
     seed: int = 0,
 ) -> StillCameraResult:
     """Regions of evidence that chance does not make.
@@ -58,21 +61,37 @@ def find_bearings(
         camera: The pinhole that took them.
         consecutive: Frames of it that follow each other closely; too few are not used.
         haze: Of the whole image; then only what moves far more in single frames is a plume.
+        shaking_px: Root mean square of the camera's own motion, which was taken out, px of the
+            frames. What stands near moves by about as much more, and is no plume.
         seed: Of the random shifts and orders of the nulls.
     """
     small = camera.scaled(min(1.0, FUSION_WIDTH_PX / camera.width))
     rng = np.random.default_rng(seed)
+    least_px = ABOVE_SHAKING * shaking_px
     if haze is not None:
         strong = [
             region
             for region in _find_in_frames(detections, small, rng)
-            if region.displacement_px > ABOVE_HAZE * haze.largest_px
+            if region.displacement_px > max(ABOVE_HAZE * haze.largest_px, least_px)
         ]
         return StillCameraResult(_to_bearings(strong, small), (HAZY,) if strong else ())
     coherent = find_coherent_regions(consecutive, (small.width, small.height), rng)
     known = np.any([coherent.oscillating, *(region.mask for region in coherent.regions)], axis=0)
     others = [r for r in _find_in_frames(detections, small, rng) if not (r.mask & known).any()]
-    return StillCameraResult(_to_bearings([*coherent.regions, *others], small), coherent.notes)
+    moved = [region for region in others if region.displacement_px > least_px]
+    notes = coherent.notes
+    if len(moved) < len(others):
+        notes = (*notes, _shaken_note(shaking_px, len(others) - len(moved)))
+    return StillCameraResult(_to_bearings([*coherent.regions, *moved], small), notes)
+
+
+def _shaken_note(shaking_px: float, count: int) -> str:
+    places = "one place that moves" if count == 1 else f"{count} places that move"
+    return (
+        f"The camera shook by {shaking_px:.2g} px rms. That was taken out, but what stands near "
+        f"moves more with it: {places} the image less than {ABOVE_SHAKING:g} times as far "
+        f"{'is' if count == 1 else 'are'} left out."
+    )
 
 
 def _find_in_frames(
