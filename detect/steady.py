@@ -109,7 +109,7 @@ class SteadyImages(Sequence[GreyImage]):
     @property
     def shaking_px(self) -> float:
         """Root mean square of it, px of the frames."""
-        width = self._images[0].shape[1]
+        width: int = self._images[0].shape[1]
         return self.shaking.rms_px * width / min(width, SIDE_PX)
 
     def __len__(self) -> int:
