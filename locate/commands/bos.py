@@ -39,11 +39,13 @@ def bos(
     ] = None,
 ) -> None:
     """Turn recordings of plumes before a known background into (frame, flow) training data."""
+    from detect.flow import flow_method
     from detect.recordings import PairSettings, record_pairs
     from locate.recording.recording import ANY_SIDE, open_recording
 
     settings = PairSettings(flow=flow, size_px=size, every=every, split=split)
     parse_reference(reference)
+    flow_method(flow)  # an unknown one is named before the folder is made
     refused = 0
     with hold_output(output):
         for path in recordings:
