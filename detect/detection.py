@@ -1,12 +1,13 @@
 """What a detector sees in one frame, and the one method every detector has."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, Self
 
 import numpy as np
 
+from detect.information import DisplacementInformation
 from detect.response import Response
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
@@ -42,12 +43,15 @@ class Detection:
         llr: (H, W) natural-log likelihood ratio of refraction against none; 0 is no evidence.
         inverse_depth: (H, W) of the background along the optical axis, 1 / world unit; 0 at
             infinity, NaN where unknown. None where the detector does not measure it.
+        information: What all pixels together tell about the displacement, on fewer cells; None
+            where the detector does not measure it, or could not in this frame.
     """
 
     displacement: FloatMap
     sigma_px: FloatMap
     llr: FloatMap
     inverse_depth: FloatMap | None = None
+    information: DisplacementInformation | None = None
 
     def __post_init__(self) -> None:
         shape = self.llr.shape
@@ -72,13 +76,19 @@ class Detection:
         )
 
     def save(self, path: Path) -> None:
-        """Writes a float16 .npz, whole or not at all; what that cannot hold becomes infinite."""
+        """Writes an .npz, whole or not at all: float16, the information float32.
+
+        What float16 cannot hold becomes infinite.
+        """
         arrays = {"displacement": self.displacement, "sigma_px": self.sigma_px, "llr": self.llr}
         if self.inverse_depth is not None:
             arrays["inverse_depth"] = self.inverse_depth
         with np.errstate(over="ignore"):
-            halves = {name: array.astype(np.float16) for name, array in arrays.items()}
-        save_arrays(path, **halves)
+            maps = {name: array.astype(np.float16) for name, array in arrays.items()}
+        if self.information is not None:
+            maps["information_vector"] = self.information.vector
+            maps["information_matrix"] = self.information.matrix
+        save_arrays(path, **maps)
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -89,7 +99,15 @@ class Detection:
         """
         arrays = read_npz(path)
         try:
-            return cls(**{name: array.astype(np.float32) for name, array in arrays.items()})
+            maps = {name: array.astype(np.float32) for name, array in arrays.items()}
+            vector = maps.pop("information_vector", None)
+            matrix = maps.pop("information_matrix", None)
+            detection = cls(**maps)  # type: ignore[arg-type]
+            if vector is None or matrix is None:
+                return detection
+            return replace(
+                detection, information=DisplacementInformation(vector=vector, matrix=matrix)
+            )
         except (TypeError, ValueError) as error:
             raise BadInputError(f"{path}: not a detection ({error})") from error
 

@@ -59,6 +59,7 @@ def fuse_pair(first: Detection, second: Detection, shared: float) -> Detection:
         sigma_px=np.sqrt(variance),
         llr=llr.astype(np.float32),
         inverse_depth=first.inverse_depth,
+        information=first.information,
     )
 
 

@@ -22,6 +22,7 @@ POSE_ERROR_DEG = 0.03
 ENDS = 4
 STILL_PX, PLUME_SHARE = 0.01, 0.3
 FOUND_SHARE = 0.15
+MEASURED_MAPS = tuple(name for name in Measurement.__dataclass_fields__ if name != "information")
 
 
 def record(capture: CaptureSetup, count: int, path: Path) -> None:
@@ -35,7 +36,7 @@ def record(capture: CaptureSetup, count: int, path: Path) -> None:
     known = [(key, *answer) for key, answer in measured if answer is not None]
     arrays = {
         name: np.stack([getattr(m, name) for _, m, _ in known]).clip(-LARGEST_HALF, LARGEST_HALF)
-        for name in Measurement.__dataclass_fields__
+        for name in MEASURED_MAPS
     }
     truths = [rendered.truths[key] for key, _, _ in known]
     save_arrays(
@@ -64,7 +65,7 @@ class Recorded:
     @classmethod
     def load(cls, path: Path, capture: CaptureSetup) -> "Recorded":
         with open_arrays(path, "a filmed sequence") as file:
-            maps = {n: file[n].astype(np.float32) for n in Measurement.__dataclass_fields__}
+            maps = {n: file[n].astype(np.float32) for n in MEASURED_MAPS}
             count = len(file["keys"])
             block = capture.scene.camera
             focal_px = block.focal_px * capture.focal_factor

@@ -11,9 +11,9 @@ from detect.registered import RegisteredDetector
 from detect.registry import DetectorChoice
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
+from locate.fusion.limit import detection_limit_px
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.search.fit import fit_columns
-from locate.fusion.search.limit import detection_limit_px
 from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
 from locate.fusion.search.score import column_evidence

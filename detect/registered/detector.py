@@ -145,6 +145,7 @@ def _assemble_detection(
         sigma_px=np.hypot(sigma_px, GAIN_ERROR * size_px).astype(np.float32),
         llr=llr,
         inverse_depth=(inverse_depth * inverse_depth_unit).astype(np.float32),
+        information=measurement.information,
     )
 
 

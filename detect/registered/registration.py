@@ -8,6 +8,8 @@ import numpy as np
 
 from detect.differential import LeastSquaresWindow
 from detect.flow import dis_matcher
+from detect.information import DisplacementInformation
+from detect.registered.information import displacement_information
 from detect.registered.pose_errors import SOME, PoseErrors
 from detect.registered.robust_separation import RegisteredNeighbours, median_map, separate_robust
 from detect.registered.separation import (
@@ -53,6 +55,7 @@ class Measurement:
         texture: Mean squared gradient round a pixel, (grey levels per px) squared.
         relative_inverse_depth: In units of the scene's typical one, cleaned by a median filter.
         depth_edge_px: By how much parallax varies between a pixel and its surroundings.
+        information: What all pixels together tell about w; None of a measurement from a file.
     """
 
     displacement: FloatMap
@@ -64,6 +67,7 @@ class Measurement:
     texture: FloatMap
     relative_inverse_depth: FloatMap
     depth_edge_px: FloatMap
+    information: DisplacementInformation | None = None
 
 
 class Registration:
@@ -175,7 +179,7 @@ class Registration:
     ) -> RegisteredNeighbours:
         count, shape = len(self._neighbours), self._image.shape
         shifts, slopes = np.empty((2, count, 2, *shape), np.float32)
-        visible, misfits = np.empty((2, count, *shape), np.float32)
+        visible, misfits, images = np.empty((3, count, *shape), np.float32)
         for rows in row_bands(len(self._y)):
             flow, slopes[:, :, rows] = self._predict_flow(rows)
             flow += poses.error_fields(pose_errors, rows)
@@ -183,11 +187,13 @@ class Registration:
             np.add(flow[:, 0], self._x, out=shifts[:, 0, rows])
             np.add(flow[:, 1], self._y[rows, None], out=shifts[:, 1, rows])
         for k, neighbour in enumerate(self._neighbours):
-            image = sample(neighbour.image, cv2.merge(list(shifts[k])))
-            shift = self._window.shift_planes(blur(image, PRESMOOTHING_PX) - self._smooth)
+            images[k] = sample(neighbour.image, cv2.merge(list(shifts[k])))
+            shift = self._window.shift_planes(blur(images[k], PRESMOOTHING_PX) - self._smooth)
             np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX, out=shifts[k])
-            misfits[k] = blur((image - self._grey) ** 2, WINDOW_PX)
-        return RegisteredNeighbours(shifts=shifts, slopes=slopes, visible=visible, misfits=misfits)
+            misfits[k] = blur((images[k] - self._grey) ** 2, WINDOW_PX)
+        return RegisteredNeighbours(
+            images=images, shifts=shifts, slopes=slopes, visible=visible, misfits=misfits
+        )
 
     def _second_stage(self, registered: RegisteredNeighbours, first: FloatMap) -> Measurement:
         misfit, variance, factor, seen, parallax = np.empty((5, *self._image.shape), np.float32)
@@ -200,6 +206,7 @@ class Registration:
             variance[rows], seen[rows] = second.variance, second.seen
             parallax[rows] = np.sqrt(squared_length(registered.slopes[:, :, rows]).max(axis=0))
         step = np.abs(self._inverse_depth - blur(self._inverse_depth, 5.0)) * parallax
+        depth_edge_px = cv2.dilate(step, np.ones((5, 5), np.uint8))
         return Measurement(
             displacement=_clip_planes(self._without_drift(displacement, seen)),
             first_displacement=_clip_planes(first),
@@ -209,7 +216,14 @@ class Registration:
             visible=seen,
             texture=self._texture,
             relative_inverse_depth=self._inverse_depth,
-            depth_edge_px=cv2.dilate(step, np.ones((5, 5), np.uint8)),
+            depth_edge_px=depth_edge_px,
+            information=displacement_information(
+                self._grey,
+                registered.images,
+                registered.slopes,
+                registered.visible,
+                depth_edge_px,
+            ),
         )
 
     def _without_drift(self, displacement: FloatMap, seen: FloatMap) -> FloatMap:

@@ -14,12 +14,14 @@ class RegisteredNeighbours:
     """N neighbours brought onto the key frame.
 
     Attributes:
+        images: (N, H, W) grey levels.
         shifts: (N, 2, H, W) how far they still are from it, px.
         slopes: (N, 2, H, W) px per unit of relative inverse depth.
         visible: (N, H, W) where each is seen, 0 or 1.
         misfits: (N, H, W) squared differences, grey levels squared.
     """
 
+    images: FloatMap
     shifts: FloatMap
     slopes: FloatMap
     visible: FloatMap

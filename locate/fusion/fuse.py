@@ -1,6 +1,6 @@
 """The whole of fusion: evidence of many views in, plumes out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 
@@ -99,6 +99,10 @@ def fuse(
 
     # 6. The answer, strongest first.
     progress(1.0)
-    plumes.sort(key=lambda plume: -plume.evidence_nats)
-    numbered = (replace(plume, id=number) for number, plume in enumerate(plumes, start=1))
-    return FusionResult(plumes=tuple(numbered), grid=grid, threshold_nats=level)
+    return FusionResult(plumes=number_plumes(plumes), grid=grid, threshold_nats=level)
+
+
+def number_plumes(plumes: Sequence[Plume]) -> tuple[Plume, ...]:
+    """The plumes by their evidence, strongest first, numbered from 1."""
+    ranked = sorted(plumes, key=lambda plume: -plume.evidence_nats)
+    return tuple(replace(plume, id=number) for number, plume in enumerate(ranked, start=1))

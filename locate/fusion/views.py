@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 
 from detect.detection import Detection
+from detect.information import MAP_WIDTH_PX, DisplacementInformation
 from geometry.arrays import FloatArray, FloatMap
 from geometry.grid import VoxelBox
 from geometry.trajectory import Trajectory
 
-FUSION_WIDTH_PX = 320
-"""Width that maps are shrunk to, px; chosen by hand."""
 VOXELS_ALONG_LONGEST_EDGE = 96
 """Of the evidence grid; chosen by hand."""
 RANGE_TO_UNIT = 0.1
@@ -48,6 +47,8 @@ class Views:
             measured.
         correlation_px2: Area over which the evidence of plume-free pixels is correlated, px of
             these maps squared; so many pixels count as one independent sample.
+        information: V normal equations of the displacement, as large as the maps; empty where
+            the detector does not measure them.
     """
 
     trajectory: Trajectory
@@ -56,16 +57,17 @@ class Views:
     displacement: FloatMap
     sigma_px: FloatMap
     correlation_px2: float
+    information: tuple[DisplacementInformation, ...] = ()
 
     @classmethod
     def from_detections(cls, detections: Sequence[Detection], trajectory: Trajectory) -> Self:
-        """Shrinks the maps by area averaging to at most `FUSION_WIDTH_PX` wide.
+        """Shrinks the maps by area averaging to at most `MAP_WIDTH_PX` wide.
 
         Args:
             detections: V detections; those without inverse depth hold no evidence in 3D.
             trajectory: Their V poses; the camera is the pinhole of the full-size frames.
         """
-        factor = min(1.0, FUSION_WIDTH_PX / trajectory.camera.width)
+        factor = min(1.0, MAP_WIDTH_PX / trajectory.camera.width)
         camera = trajectory.camera.scaled(factor)
 
         def shrink_map(image: FloatMap) -> FloatMap:
@@ -86,6 +88,7 @@ class Views:
                 [_shrink_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
             ),
             correlation_px2=correlation_area(llr),
+            information=_sum_information(detections, camera.width, camera.height),
         )
 
     def __len__(self) -> int:
@@ -166,6 +169,23 @@ class Views:
         low = np.minimum(low, centers.min(axis=0))
         high = np.maximum(high, centers.max(axis=0))
         return VoxelBox.from_corners(low, high, longest=VOXELS_ALONG_LONGEST_EDGE)
+
+
+def _sum_information(
+    detections: Sequence[Detection], width: int, height: int
+) -> tuple[DisplacementInformation, ...]:
+    """The information of every view; nothing where no view has any, zeros where one has none."""
+    found = [detection.information for detection in detections]
+    if not any(found):
+        return ()
+    nothing = DisplacementInformation(
+        vector=np.zeros((height, width, 2), np.float32),
+        matrix=np.zeros((height, width, 3), np.float32),
+    )
+    return tuple(
+        nothing if information is None else information.summed_to(width, height)
+        for information in found
+    )
 
 
 def _shrink_nearest(image: FloatMap, width: int, height: int) -> FloatMap:

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from detect.detection import Detection
 from detect.haze import measure_haze
 from detect.registry import DetectorChoice
@@ -11,8 +13,9 @@ from geometry.printable import printable
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__
-from locate.fusion.fuse import fuse
-from locate.fusion.search.limit import RADIUS_UNITS, detection_limit_px
+from locate.fusion.fuse import fuse, number_plumes
+from locate.fusion.limit import RADIUS_UNITS, detection_limit_px
+from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
@@ -24,6 +27,8 @@ from locate.pipeline.map_notes import ONE_VIEWPOINT, map_notes
 from locate.pipeline.placement import Placement
 from locate.recording.posed_frames import PosedFrames
 
+FUSION_SHARE = 0.6
+"""Share of this stage's time that fusing the evidence of pixels takes, for the progress."""
 PLUME_RANGE_SHARE = 0.7
 """Range of a usual plume, in ranges of the median background; chosen by hand."""
 HOTTEST_RISE_K = 2000.0
@@ -82,10 +87,17 @@ def fuse_detections(
     fused = fuse(
         views,
         seed=seed,
-        progress=lambda share: report("fusion", share),
+        progress=lambda share: report("fusion", FUSION_SHARE * share),
         least_nats=detector.clutter_nats * len(views),
     )
-    plumes = tuple(cap_probability(plume, detector, len(views)) for plume in fused.plumes)
+    plumes = [cap_probability(plume, detector, len(views)) for plume in fused.plumes]
+    # Add the plumes that only the displacement of all views together shows.
+    turns = None
+    if fused.grid is not None:
+        rng = np.random.default_rng(seed)
+        turns = TurnSearch.of_views(views, fused.grid, rng)
+        plumes += [] if turns is None else turns.find_plumes(plumes, rng)
+    report("fusion", 1.0)
     # Work out what would have been seen.
     limit_px = None
     if fused.grid is not None:
@@ -95,13 +107,14 @@ def fuse_detections(
             fused.threshold_nats,
             response=load_response(detections),
             seed=seed,
+            turns=turns,
         )
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,
         detector=detector.name,
         version=__version__,
-        plumes=plumes,
+        plumes=number_plumes(plumes),
         detection_limit_px=limit_px,
         detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
         notes=map_notes(found, detector, trajectory, plumes, limit_px),

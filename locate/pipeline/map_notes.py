@@ -6,7 +6,7 @@ from detect.detection import Detection
 from detect.registry import DetectorChoice
 from geometry.covariance import sigma_along
 from geometry.trajectory import Trajectory
-from locate.fusion.search.limit import AMPLITUDES_PX
+from locate.fusion.limit import AMPLITUDES_PX
 from locate.map.plume import Plume
 
 ONE_VIEWPOINT = (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from detect.response import Response
-from locate.fusion.search.limit import AMPLITUDES_PX, detection_limit_px, expected_llr
+from locate.fusion.limit import AMPLITUDES_PX, detection_limit_px, expected_llr
 from tests.simulated_evidence import NO_FAULTS, make_faulty_views, orbit_trajectory
 
 

@@ -12,12 +12,13 @@ import numpy as np
 
 from detect.detection import Detection
 from detect.haze import Haze
+from detect.information import MAP_WIDTH_PX
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
 from locate.fusion.search.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
 from locate.fusion.still_camera.regions import FALSE_ALARM, ImageRegion, connected_parts
 from locate.fusion.still_camera.temporal_coherence import find_coherent_regions
-from locate.fusion.views import FUSION_WIDTH_PX, correlation_area
+from locate.fusion.views import correlation_area
 from locate.map.plume import Bearing
 
 EVIDENT_NATS = 0.25
@@ -65,7 +66,7 @@ def find_bearings(
             frames. What stands near moves by about as much more, and is no plume.
         seed: Of the random shifts and orders of the nulls.
     """
-    small = camera.scaled(min(1.0, FUSION_WIDTH_PX / camera.width))
+    small = camera.scaled(min(1.0, MAP_WIDTH_PX / camera.width))
     rng = np.random.default_rng(seed)
     least_px = ABOVE_SHAKING * shaking_px
     if haze is not None:

@@ -5,6 +5,7 @@ import numpy as np
 from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
 from detect.response import Response
 from geometry.arrays import FloatMap
+from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch, passes
 from locate.fusion.search.columns import HEIGHT, OPENING, RADIUS, Columns, X, Z
 from locate.fusion.search.score import clipped_sum, score_columns
 from locate.fusion.views import Views
@@ -26,24 +27,33 @@ LEAST_COVERAGE = 0.2
 chosen by hand."""
 
 
+TURN_PER_MEAN = 2.2
+"""Size of a turn over the mean displacement inside it, where it has 0.3 of its largest and more."""
+TURN_SHARE = 0.5
+"""Of a plume's displacement that turns about a straight axis; the rest is turbulence."""
+
+
 def detection_limit_px(
     views: Views,
     threshold_nats: float,
     *,
     response: Response | None = None,
     seed: int = 0,
+    turns: TurnSearch | None = None,
 ) -> float | None:
     """The smallest displacement with which half of all places would have passed the threshold.
 
     Columns of a usual shape are put at random where at least two views show them, each pixel of
     them is given the evidence that the detector gives that displacement at its own sigma, and the
-    sum is held against the threshold. Pixels without evidence (llr 0) keep none.
+    sum is held against the threshold. Pixels without evidence (llr 0) keep none. Where turns are
+    searched for, a column counts as well that shows enough of one.
 
     Args:
         views: The evidence of the run.
         threshold_nats: What counts as a plume.
         response: Of the detector; None: the hand-made formula.
         seed: Of the places.
+        turns: The search for turns of the displacement, where there is one.
 
     Returns:
         px of the original frames, or None where even the largest of `AMPLITUDES_PX` would not
@@ -55,10 +65,15 @@ def detection_limit_px(
     columns = columns.take((coverage > LEAST_COVERAGE * coverage.max()).sum(axis=0) >= FEWEST_VIEWS)
     if not len(columns):
         return None
+    narrow = Columns.of([column.widened(1 / RADIUS_WIDTHS) for column in columns])
     for amplitude in AMPLITUDES_PX:
         expected = views.with_evidence(expected_llr(views, float(amplitude), response))
         nats = clipped_sum(score_columns(expected, columns))
-        if (nats > threshold_nats).mean() >= SHARE_SEEN:
+        seen = nats > threshold_nats
+        if turns is not None:
+            size_px = TURN_SHARE * TURN_PER_MEAN * float(amplitude)
+            seen |= passes(turns.score.expected(narrow, size_px), nats)
+        if seen.mean() >= SHARE_SEEN:
             return float(amplitude)
     return None
 

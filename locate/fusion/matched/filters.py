@@ -1,0 +1,210 @@
+"""Every view filtered with the turn that the displacement makes across the axis of a plume.
+
+Across a column of warm air the displacement is antisymmetric: it points away from the axis on both
+sides (towards it for a denser gas), grows up to about a radius and fades. Each view's normal
+equations are filtered with either half of that turn, for widths and directions as they occur, which
+gives how many sigmas each side shows at every pixel. Added over heights and views, a turn far below
+the noise of any pixel stands out. The sides are kept apart, as a pole of a wrong depth looks
+displaced as well, but to one side of the axis alone.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.arrays import FloatArray, FloatMap, IntArray
+from geometry.grid import lever_gate
+from locate.fusion.search.score import NEAREST_DEPTH_UNITS
+from locate.fusion.views import Views
+
+NARROWEST_PX, WIDTHS = 1.5, 9
+"""Least distance from the axis to the largest displacement, px of the maps, and how many widths
+there are, each sqrt(2) times the one before; chosen by hand."""
+DIRECTIONS = 16
+"""Directions across an axis in the image, over half a turn; chosen by hand."""
+LENGTH_SHARE = 2.0
+"""Standard deviation of the filter along the axis, in its widths; chosen by hand."""
+REACH = 3.0
+"""Half side of the filter, in its widths; what is beyond has no weight."""
+LEAST_KNOWN = 0.05
+"""Of the information that the best tenth of a view holds: less counts as none; chosen by hand."""
+MOST_SIGMAS = 3.0
+"""No side of any place counts for more: an edge with a wrong depth is no plume; chosen by hand."""
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of normal errors per median absolute deviation."""
+SIDES = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnSamples:
+    """What V views show at M points of axes.
+
+    Attributes:
+        sigmas: (2, V, M) by how many sigmas the displacement turns on either side, positive where
+            it points away from the axis; at most `MOST_SIGMAS`.
+        weight: (V, M) how much of a turn the view would show there, from 0 to 1: little before
+            a near background, nothing where no displacement is known.
+        sigmas_per_px: (2, V, M) what a turn would show whose size is 1 px.
+    """
+
+    sigmas: FloatMap
+    weight: FloatMap
+    sigmas_per_px: FloatMap
+
+
+class TurnFilters:
+    """The filtered views, made as they are needed.
+
+    Args:
+        views: With information.
+    """
+
+    def __init__(self, views: Views) -> None:
+        self.views = views
+        self._filtered: dict[tuple[int, int, int], NDArray[np.float16]] = {}
+        self._summed: dict[tuple[int, int], tuple[FloatMap, FloatMap]] = {}
+        self._across = _common_direction(views)
+
+    def sample(self, points: FloatArray, widths: FloatArray, rises: FloatArray) -> TurnSamples:
+        """What the views show at points of axes.
+
+        Args:
+            points: (M, 3) in the world.
+            widths: (M,) from the axis to the largest displacement, world units.
+            rises: (M, 3) along the axes.
+        """
+        shape = (len(self.views), len(points))
+        sigmas, per_px = np.zeros((2, SIDES, *shape), np.float32)
+        weight = np.zeros(shape, np.float32)
+        for i in range(len(self.views)):
+            seen, pixel, depth, normal = self._project(i, points, rises)
+            size_px = self.views.trajectory.camera.focal_px * widths[seen] / depth
+            step = np.rint(2 * np.log2(size_px / NARROWEST_PX)).astype(np.int64)
+            shown = (step >= 0) & (step < WIDTHS)
+            if not shown.any():
+                continue
+            seen, pixel, depth = seen[shown], pixel[shown], depth[shown]
+            found = self._look_up(i, step[shown], normal[shown], pixel)
+            gate = lever_gate(
+                depth.astype(np.float32), self.views.inverse_depth[i][pixel[:, 1], pixel[:, 0]]
+            )
+            sigmas[:, i, seen], per_px[:, i, seen] = found
+            weight[i, seen] = gate * (found[1] > 0).any(axis=0)
+        return TurnSamples(sigmas=sigmas, weight=weight, sigmas_per_px=per_px)
+
+    def _project(
+        self, i: int, points: FloatArray, rises: FloatArray
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Which of the points a view shows, their pixels and depths, and the angle across the axis.
+
+        That angle is from x to y, towards the same side of the axis from all views.
+        """
+        trajectory = self.views.trajectory
+        in_cam = trajectory.world_to_cam(i, points)
+        near = NEAREST_DEPTH_UNITS * self.views.unit
+        ahead = np.flatnonzero(in_cam[:, 2] > near)
+        in_cam = in_cam[ahead]
+        pixel = np.rint(trajectory.camera.project(in_cam))
+        height, width = self.views.llr.shape[1:]
+        inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
+        seen, in_cam, pixel = ahead[inside], in_cam[inside], pixel[inside].astype(np.int64)
+        along = rises[seen] @ trajectory.rotations[i].T
+        along = along[:, :2] - in_cam[:, :2] / in_cam[:, 2:] * along[:, 2:]
+        normal = np.arctan2(along[:, 0], -along[:, 1])
+        if trajectory.rotations[i][0] @ self._across < 0:
+            normal += np.pi
+        return seen, pixel, in_cam[:, 2], normal
+
+    def _look_up(self, i: int, steps: IntArray, normals: FloatArray, pixels: IntArray) -> FloatMap:
+        """(2, 2, M) sigmas, and sigmas per px, of either side at M pixels of a view."""
+        turns = np.rint(normals / (np.pi / DIRECTIONS)).astype(np.int64) % (2 * DIRECTIONS)
+        codes = steps * DIRECTIONS + turns % DIRECTIONS
+        found = np.empty((2, SIDES, len(codes)), np.float32)
+        for code in np.unique(codes):
+            rows = np.flatnonzero(codes == code)
+            maps = self._filter(i, *divmod(int(code), DIRECTIONS))
+            halvings = int(code) // DIRECTIONS // 2
+            x, y = (
+                np.minimum(pixels[rows, axis] >> halvings, maps.shape[3 - axis] - 1)
+                for axis in (0, 1)
+            )
+            found[:, :, rows] = maps[:, :, y, x]
+        turned = turns >= DIRECTIONS
+        found[:, :, turned] = found[:, ::-1, turned]
+        return found
+
+    def _filter(self, i: int, step: int, direction: int) -> NDArray[np.float16]:
+        """(2, 2, h, w) sigmas, and sigmas per px, of either side in one view; 0 if unknown."""
+        key = (i, step, direction)
+        if key not in self._filtered:
+            self._filtered[key] = self._filter_anew(*key)
+        return self._filtered[key]
+
+    def _filter_anew(self, i: int, step: int, direction: int) -> NDArray[np.float16]:
+        size_px = NARROWEST_PX * 2 ** (step / 2)
+        halvings = step // 2
+        vector, matrix = self._summed_maps(i, halvings)
+        turn, side, (cx, cy) = turn_kernel(size_px / 2**halvings, np.pi * direction / DIRECTIONS)
+        across = cx * vector[..., 0] + cy * vector[..., 1]
+        precision = cx * cx * matrix[..., 0] + 2 * cx * cy * matrix[..., 1]
+        precision += cy * cy * matrix[..., 2]
+        sides = [_filter_side(across, precision, turn * part) for part in (side > 0, side < 0)]
+        return np.stack(sides, axis=1).astype(np.float16)
+
+    def _summed_maps(self, i: int, halvings: int) -> tuple[FloatMap, FloatMap]:
+        """The information of a view in cells of 2^halvings px."""
+        key = (i, halvings)
+        if key not in self._summed:
+            information = self.views.information[i]
+            height, width = self.views.llr.shape[1:]
+            if halvings:
+                cells = (max(1, width >> halvings), max(1, height >> halvings))
+                information = information.summed_to(*cells)
+            self._summed[key] = (information.vector, information.matrix)
+        return self._summed[key]
+
+
+def turn_kernel(width_px: float, angle_rad: float) -> tuple[FloatMap, FloatMap, FloatArray]:
+    """The turn across an axis.
+
+    Args:
+        width_px: From the axis to the largest displacement.
+        angle_rad: Of the direction across, from x to y.
+
+    Returns:
+        (K, K) the displacement along that direction at the pixels round the axis; (K, K) how far
+        along it they are; (2,) the direction.
+    """
+    reach = int(np.ceil(REACH * width_px))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1] / width_px
+    direction = np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    off = x * direction[0] + y * direction[1]
+    along = (y * direction[0] - x * direction[1]) / LENGTH_SHARE
+    return (off * np.exp(-(off**2 + along**2) / 2)).astype(np.float32), off, direction
+
+
+def _filter_side(across: FloatMap, precision: FloatMap, kernel: FloatMap) -> FloatMap:
+    """(2, h, w) sigmas of one side in units of their scatter over the view, and sigmas per px."""
+    score = cv2.filter2D(across, -1, kernel, borderType=cv2.BORDER_CONSTANT)
+    variance = cv2.filter2D(precision, -1, kernel * kernel, borderType=cv2.BORDER_CONSTANT)
+    known = variance > LEAST_KNOWN * max(float(np.percentile(variance, 90)), 1e-9)
+    root = np.sqrt(np.maximum(variance, 1e-9))
+    sigmas = np.where(known, score / root, 0)
+    scatter = scatter_of(sigmas[known])
+    clipped = (sigmas / scatter).clip(-MOST_SIGMAS, MOST_SIGMAS)
+    return np.stack([clipped, np.where(known, root / scatter, 0)])
+
+
+def scatter_of(values: FloatArray | FloatMap, fewest: int = 30) -> float:
+    """The standard deviation of values about zero, outliers apart; 1 where they are too few."""
+    if values.size < fewest:
+        return 1.0
+    return max(MAD_TO_SIGMA * float(np.median(np.abs(values))), 1e-3)
+
+
+def _common_direction(views: Views) -> FloatArray:
+    """(3,) the world direction that lies most along the rows of all views."""
+    rows = views.trajectory.rotations[:, 0]
+    return np.asarray(np.linalg.eigh(rows.T @ rows)[1][:, -1])

@@ -1,0 +1,112 @@
+"""The plumes that the turn of the displacement shows where pixels alone show too little."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Self
+
+import numpy as np
+
+from geometry.arrays import BoolArray, FloatArray
+from geometry.grid import EvidenceGrid
+from locate.fusion.matched.evidence import with_turn_evidence
+from locate.fusion.matched.filters import TurnFilters
+from locate.fusion.matched.fit import Turn, find_turns
+from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
+from locate.fusion.matched.score import TurnScore
+from locate.fusion.search.columns import Columns, PlumeColumn, X, Y
+from locate.fusion.search.fit import ALL_ROUNDS, random_search
+from locate.fusion.search.score import column_evidence
+from locate.fusion.source.measure import REFRACTIVE_INDEX, find_axis, measure_plume
+from locate.fusion.views import Views
+from locate.map.plume import Plume
+
+LEAST_SIGMAS = 6.5
+"""What a turn needs, whatever the evidence of pixels."""
+NATS_TOGETHER = 50.0
+"""What a plume needs: half the square of its sigmas and the evidence of the pixels together."""
+RADIUS_WIDTHS = 2.5
+"""Radius of a plume, in distances from its axis to the largest displacement; chosen by hand."""
+STARTS, START_UNITS = 12, 0.1
+"""Columns from which the evidence of pixels near a turn is sought, and how far they lie from it,
+units of fusion; chosen by hand."""
+NEAR_ROUNDS = ALL_ROUNDS[8:14]
+"""Of that search: it begins with small steps; chosen by hand."""
+KNOWN_UNITS = 1.0
+"""A turn nearer to a plume than this is its own or what it leaves, units of fusion; by hand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnSearch:
+    """The displacement of all views, ready to be searched for turns.
+
+    Attributes:
+        score: Of columns.
+        grid: Says how many views show each voxel.
+    """
+
+    score: TurnScore
+    grid: EvidenceGrid
+
+    @classmethod
+    def of_views(cls, views: Views, grid: EvidenceGrid, rng: np.random.Generator) -> Self | None:
+        """None where no view tells anything about the displacement, or too few show any place."""
+        places = grid.box.centers_in_world(np.argwhere(grid.weight >= SHOWN_PLACE).astype(float))
+        if not views.information or not len(places):
+            return None
+        return cls(score=TurnScore.calibrated(TurnFilters(views), places, rng), grid=grid)
+
+    def find_plumes(self, known: Sequence[Plume], rng: np.random.Generator) -> list[Plume]:
+        """The plumes that are not known yet, the surest first.
+
+        Args:
+            known: Plumes found by the evidence of pixels.
+            rng: Of the searches.
+        """
+        views = self.score.filters.views
+        found: list[Plume] = []
+        for turn in find_turns(self.score, propose_turns(self.score.filters, self.grid), rng):
+            if abs(turn.sigmas) < LEAST_SIGMAS:
+                break
+            plume = _measure_turn(views, turn, rng)
+            if plume is not None and not _is_near(plume, [*known, *found], views.unit):
+                found.append(plume)
+        return found
+
+
+def passes(sigmas: FloatArray, pixel_nats: FloatArray) -> BoolArray:
+    """(...) whether a turn with so many sigmas and so much evidence of pixels is a plume."""
+    together = sigmas**2 / 2 + pixel_nats
+    return np.asarray((np.abs(sigmas) >= LEAST_SIGMAS) & (together >= NATS_TOGETHER))
+
+
+def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume | None:
+    """The plume that a turn is; None where it is none."""
+    column = turn.column.widened(RADIUS_WIDTHS)
+    pixel_nats = _most_evidence(views, column, rng)
+    if not passes(np.array([turn.sigmas]), np.array([pixel_nats]))[0]:
+        return None
+    filled = with_turn_evidence(views, turn)
+    measured = find_axis(filled, column, rng)
+    if measured is None:
+        return None
+    plume = measure_plume(filled, *measured, 0.01)
+    return replace(
+        plume,
+        evidence_nats=pixel_nats + turn.sigmas**2 / 2,
+        refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
+    )
+
+
+def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) -> float:
+    """What the pixels of a column near this one say for a plume, nats."""
+    starts = np.repeat(column.array[None], STARTS, axis=0)
+    starts[1:, [X, Y]] += rng.normal(0, START_UNITS * views.unit, (STARTS - 1, 2))
+    evidence = partial(column_evidence, views)
+    _, nats = random_search(evidence, Columns(starts), views.unit, rng, rounds=NEAR_ROUNDS)
+    return float(nats.max())
+
+
+def _is_near(plume: Plume, others: Sequence[Plume], unit: float) -> bool:
+    apart = (np.linalg.norm((plume.source - other.source)[:2]) for other in others)
+    return any(distance < KNOWN_UNITS * unit for distance in apart)

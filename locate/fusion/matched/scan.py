@@ -1,0 +1,160 @@
+"""The whole volume scanned for axes about which the displacement turns."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Self
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray, FloatMap, IntArray
+from geometry.grid import EvidenceGrid
+from locate.fusion.matched.filters import SIDES, TurnFilters
+from locate.fusion.matched.score import FEWEST_VIEWS, LENGTHS_UNITS, WIDTHS_UNITS, join_sides
+from locate.fusion.search.columns import Columns
+
+SIDE_SHARE, HEIGHT_SHARE = 0.8, 4.0
+"""Spacing of the places and of the heights that are tried, in widths; chosen by hand."""
+SLOPES = (-0.3, -0.15, 0.0, 0.15, 0.3)
+"""Of the axes that are tried along X and Y, horizontal per vertical; chosen by hand."""
+PEAKS_OF_WIDTH = 40
+"""Places that are kept of every width; chosen by hand."""
+APART_UNITS = 0.25
+"""Distance of two places of one width, units of fusion; chosen by hand."""
+SHOWN_PLACE = 3.0
+"""Views that must show a voxel for a place in it to be tried."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnVolume:
+    """What all views show of upright axes of one width, on a grid of places and heights.
+
+    Attributes:
+        low: (3,) world position of the first place at the first height.
+        spacing: (3,) of the places along X and Y and of the heights, world units.
+        width: From the axis to the largest displacement, world units.
+        sides: (2, Z, Y, X) weighted sigmas of either side, summed over the views.
+        weight: (Z, Y, X) squared weights, summed over the views.
+    """
+
+    low: FloatArray
+    spacing: FloatArray
+    width: float
+    sides: FloatMap
+    weight: FloatMap
+
+    @classmethod
+    def measure(cls, filters: TurnFilters, grid: EvidenceGrid, width: float) -> Self:
+        """Samples the places that enough views show.
+
+        Args:
+            filters: Of the views.
+            grid: Says how many views show each voxel.
+            width: World units.
+        """
+        box = grid.box
+        spacing = width * np.array([SIDE_SHARE, SIDE_SHARE, HEIGHT_SHARE])
+        size = np.array(box.shape[::-1]) * box.voxel
+        counts = np.maximum(size / spacing, 1).astype(int)
+        shape = tuple(counts[::-1].tolist())
+        index = np.indices(shape).reshape(3, -1)[::-1].T
+        points = box.low_in_world + index * spacing
+        voxel = (index * spacing / box.voxel).astype(int)[:, ::-1]
+        voxel = np.minimum(voxel, np.array(box.shape) - 1)
+        shown = np.flatnonzero(grid.weight[tuple(voxel.T)] >= SHOWN_PLACE)
+        upright = np.broadcast_to([0.0, 0.0, 1.0], (len(shown), 3))
+        samples = filters.sample(points[shown], np.full(len(shown), width), upright)
+        sides = np.zeros((SIDES, len(points)), np.float32)
+        weight = np.zeros(len(points), np.float32)
+        sides[:, shown] = (samples.sigmas * samples.weight).sum(axis=1)
+        weight[shown] = (samples.weight**2).sum(axis=0)
+        return cls(
+            low=box.low_in_world,
+            spacing=spacing,
+            width=width,
+            sides=sides.reshape(SIDES, *shape),
+            weight=weight.reshape(shape),
+        )
+
+    def sheared_sigmas(self, unit: float) -> Iterator[tuple[FloatMap, tuple[float, float], int]]:
+        """Sigmas of all columns of one slope and length, by their lowest height and place.
+
+        Yields (Z', Y, X) sigmas, the slopes along X and Y, and the length in heights; Y and X are
+        those of the axis at the first height of the grid.
+        """
+        levels = np.arange(len(self.weight))
+        for slopes in product(SLOPES, SLOPES):
+            moves = np.rint(np.outer(levels * self.spacing[2], slopes) / self.spacing[:2])
+            maps = [_shear(each, moves.astype(np.int64)) for each in (*self.sides, self.weight)]
+            first, second, weight = (_cumulate(each) for each in maps)
+            for length in LENGTHS_UNITS:
+                count = max(1, round(length * unit / self.spacing[2]))
+                if count > len(self.weight):
+                    continue
+                sides = np.stack([each[count:] - each[:-count] for each in (first, second)])
+                seen = np.maximum(weight[count:] - weight[:-count], FEWEST_VIEWS * count / 2)
+                yield join_sides(sides) / np.sqrt(seen), slopes, count
+
+
+def _shear(maps: FloatMap, moves: IntArray) -> FloatMap:
+    """Each layer moved back by its (x, y) move; what comes in from outside is 0."""
+    height, width = maps.shape[1:]
+    sheared = np.zeros_like(maps)
+    for layer, out, (right, down) in zip(maps, sheared, moves.tolist(), strict=True):
+        if abs(right) < width and abs(down) < height:
+            part = layer[
+                max(down, 0) : height + min(down, 0), max(right, 0) : width + min(right, 0)
+            ]
+            y, x = max(-down, 0), max(-right, 0)
+            out[y : y + part.shape[0], x : x + part.shape[1]] = part
+    return sheared
+
+
+def _cumulate(maps: FloatMap) -> FloatMap:
+    """Sums over the first k layers, for k from 0."""
+    return np.concatenate([np.zeros_like(maps[:1]), np.cumsum(maps, axis=0)])
+
+
+def find_peaks(volume: TurnVolume, unit: float) -> Columns:
+    """The columns of one width that turn most, of those near each other the best alone.
+
+    Their radius is the width.
+    """
+    shape = volume.weight.shape[1:]
+    best = np.zeros(shape, np.float32)
+    rows = np.zeros((*shape, 4))
+    for sigmas, slopes, count in volume.sheared_sigmas(unit):
+        size = np.abs(sigmas)
+        lowest = size.argmax(axis=0)
+        top = np.take_along_axis(size, lowest[None], axis=0)[0]
+        better = top > best
+        best[better] = top[better]
+        rows[better] = np.column_stack(
+            [lowest[better], np.broadcast_to([*slopes, count], (int(better.sum()), 3))]
+        )
+    side = 2 * max(1, round(APART_UNITS * unit / volume.spacing[0])) + 1
+    peak = (best == cv2.dilate(best, np.ones((side, side), np.uint8))) & (best > 0)
+    y, x = np.nonzero(peak)
+    strongest = np.argsort(-best[y, x], kind="stable")[:PEAKS_OF_WIDTH]
+    y, x = y[strongest], x[strongest]
+    lowest, slope_x, slope_y, count = rows[y, x].T
+    rise = lowest * volume.spacing[2]
+    step_x, step_y, step_z = volume.spacing
+    columns = np.zeros((len(x), 8))
+    columns[:, 0] = volume.low[0] + x * step_x + slope_x * rise
+    columns[:, 1] = volume.low[1] + y * step_y + slope_y * rise
+    columns[:, 2] = volume.low[2] + rise
+    columns[:, 3:6] = np.column_stack([slope_x, slope_y, count * step_z])
+    columns[:, 6] = volume.width
+    return Columns(columns)
+
+
+def propose_turns(filters: TurnFilters, grid: EvidenceGrid) -> Columns:
+    """The columns of all widths that the refinement begins from."""
+    unit = filters.views.unit
+    columns = Columns(np.empty((0, 8)))
+    for width in WIDTHS_UNITS:
+        volume = TurnVolume.measure(filters, grid, width * unit)
+        columns = columns.followed_by(find_peaks(volume, unit))
+    return columns

@@ -1,0 +1,170 @@
+"""How surely the displacement turns about the axes of columns, all views together."""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Self
+
+import numpy as np
+
+from geometry.arrays import FloatArray, FloatMap, IntArray
+from locate.fusion.matched.filters import (
+    MOST_SIGMAS,
+    SIDES,
+    TurnFilters,
+    TurnSamples,
+    scatter_of,
+)
+from locate.fusion.search.columns import HEIGHT, RADIUS, SLOPE_X, SLOPE_Y, Columns, X, Z
+
+ALONG = 8
+"""Points of an axis that are sampled; chosen by hand."""
+WIDTHS_UNITS = (0.08, 0.125, 0.2, 0.32)
+LENGTHS_UNITS = (0.6, 1.2, 2.4)
+"""Widths and heights of the random columns that the noise is taken from, units of fusion."""
+RANDOM_COLUMNS = 600
+"""Of every width and height; chosen by hand."""
+SLOPE_SIGMA = 0.15
+"""Standard deviation of their slopes; chosen by hand."""
+FEWEST_VIEWS = 4.0
+"""Views that must show a column."""
+SEEN = 0.1
+"""Weight from which on a view shows a column."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewTurns:
+    """What V views show of N columns.
+
+    Attributes:
+        sigmas: (2, V, N) of either side in each view, in units of its scatter at random columns.
+        weight: (V, N) from 0 to 1.
+    """
+
+    sigmas: FloatArray
+    weight: FloatArray
+
+    @property
+    def sides(self) -> FloatArray:
+        """(2, N) sigmas of all views together, none of which counts beyond `MOST_SIGMAS`."""
+        clipped = self.sigmas.clip(-MOST_SIGMAS, MOST_SIGMAS)
+        total = (clipped * self.weight).sum(axis=1)
+        return np.asarray(total / np.sqrt(np.maximum((self.weight**2).sum(axis=0), FEWEST_VIEWS)))
+
+    @property
+    def views(self) -> FloatArray:
+        """(N,) how many views show a column, by weight."""
+        return np.asarray((self.weight**2).sum(axis=0))
+
+
+def join_sides(sides: FloatArray) -> FloatArray:
+    """(...) sigmas of a turn of which (2, ...) are those of its sides.
+
+    Either side counts for no more than the other: 0 where they turn in different ways.
+    """
+    weaker = np.abs(sides).min(axis=0)
+    return np.asarray(np.sqrt(2) * np.sign(sides[0]) * weaker * (sides[0] * sides[1] > 0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnScore:
+    """Scores columns; their radius is the distance from the axis to the largest displacement.
+
+    Attributes:
+        filters: Of the views.
+        view_scatter: (W, L, 2, V) of either side in each view at random columns, by their width
+            and height.
+        scatter: (W, L, 2) of all views together.
+    """
+
+    filters: TurnFilters
+    view_scatter: FloatArray
+    scatter: FloatArray
+
+    @classmethod
+    def calibrated(cls, filters: TurnFilters, places: FloatArray, rng: np.random.Generator) -> Self:
+        """With the noise at random columns.
+
+        Args:
+            filters: Of the views.
+            places: (M, 3) points of the volume that enough views show.
+            rng: Draws the columns.
+        """
+        unit, views = filters.views.unit, len(filters.views)
+        shape = (len(WIDTHS_UNITS), len(LENGTHS_UNITS))
+        view_scatter, scatter = np.ones((*shape, SIDES, views)), np.ones((*shape, SIDES))
+        for w, h in product(*map(range, shape)):
+            columns = np.zeros((RANDOM_COLUMNS, 8))
+            columns[:, [SLOPE_X, SLOPE_Y]] = rng.normal(0, SLOPE_SIGMA, (RANDOM_COLUMNS, 2))
+            columns[:, X : Z + 1] = places[rng.integers(len(places), size=RANDOM_COLUMNS)]
+            columns[:, HEIGHT] = LENGTHS_UNITS[h] * unit
+            columns[:, RADIUS] = WIDTHS_UNITS[w] * unit
+            columns[:, Z] -= columns[:, HEIGHT] / 2
+            turns = view_turns(filters, Columns(columns))
+            shown = turns.weight > SEEN
+            for side, i in product(range(SIDES), range(views)):
+                view_scatter[w, h, side, i] = scatter_of(turns.sigmas[side, i, shown[i]])
+            by_view = view_scatter[w, h][..., None]
+            even = ViewTurns(sigmas=turns.sigmas / by_view, weight=turns.weight)
+            enough = even.views >= FEWEST_VIEWS
+            scatter[w, h] = [scatter_of(side[enough]) for side in even.sides]
+        return cls(filters=filters, view_scatter=view_scatter, scatter=scatter)
+
+    def view_turns(self, columns: Columns) -> ViewTurns:
+        """Of each view, in units of its scatter."""
+        turns = view_turns(self.filters, columns)
+        by_view = np.moveaxis(self.view_scatter[self._classes(columns)], 0, -1)
+        return ViewTurns(sigmas=turns.sigmas / by_view, weight=turns.weight)
+
+    def __call__(self, columns: Columns) -> FloatArray:
+        """(N,) sigmas of all views together, positive where light is bent away from the axis."""
+        return join_sides(self.view_turns(columns).sides / self.scatter[self._classes(columns)].T)
+
+    def expected(self, columns: Columns, size_px: float) -> FloatArray:
+        """(N,) sigmas that turns of that size would show on average.
+
+        Args:
+            columns: N columns.
+            size_px: Of the factor before ``u exp(-u^2 / 2)``, px of the whole frame.
+        """
+        samples = _sample_axes(self.filters, columns)
+        would = np.minimum(size_px * samples.sigmas_per_px, MOST_SIGMAS)
+        turns = _sum_heights(would, samples.weight, len(columns))
+        classes = self._classes(columns)
+        by_view = np.moveaxis(self.view_scatter[classes], 0, -1)
+        turns = ViewTurns(sigmas=turns.sigmas / by_view, weight=turns.weight)
+        return join_sides(turns.sides / self.scatter[classes].T)
+
+    def _classes(self, columns: Columns) -> tuple[IntArray, IntArray]:
+        """Which random columns each column is most like."""
+        unit = self.filters.views.unit
+        middle = columns.radii + columns.openings * columns.heights / 2
+        width = np.abs(np.log(middle[:, None] / unit / WIDTHS_UNITS)).argmin(axis=1)
+        height = np.abs(np.log(columns.heights[:, None] / unit / LENGTHS_UNITS)).argmin(axis=1)
+        return width, height
+
+
+def view_turns(filters: TurnFilters, columns: Columns) -> ViewTurns:
+    """What the views show of N columns, each height in sigmas of one place."""
+    samples = _sample_axes(filters, columns)
+    return _sum_heights(samples.sigmas, samples.weight, len(columns))
+
+
+def _sample_axes(filters: TurnFilters, columns: Columns) -> TurnSamples:
+    """`ALONG` points of each of N axes, one axis after the other."""
+    share = (np.arange(ALONG) + 0.5) / ALONG
+    heights = columns.heights[:, None] * share
+    points = columns.axis_points(heights).reshape(-1, 3)
+    widths = (columns.radii[:, None] + columns.openings[:, None] * heights).ravel()
+    rises = np.repeat(np.column_stack([columns.slopes, np.ones(len(columns))]), ALONG, axis=0)
+    return filters.sample(points, widths, rises)
+
+
+def _sum_heights(sigmas: FloatMap, weight: FloatMap, columns: int) -> ViewTurns:
+    """The points of each column together; (2, V, N * ALONG) sigmas, (V, N * ALONG) weights."""
+    shape = (len(weight), columns, ALONG)
+    weights = weight.reshape(shape).astype(float)
+    total = (sigmas.reshape(SIDES, *shape) * weights).sum(axis=3)
+    squares = (weights**2).sum(axis=2)
+    return ViewTurns(
+        sigmas=total / np.sqrt(np.maximum(squares, 1.0)), weight=np.sqrt(squares / ALONG)
+    )
