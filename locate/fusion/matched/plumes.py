@@ -6,6 +6,7 @@ from functools import partial
 from typing import Self
 
 import numpy as np
+from scipy.special import expit
 
 from geometry.arrays import BoolArray, FloatArray
 from geometry.grid import EvidenceGrid
@@ -23,8 +24,11 @@ from locate.map.plume import Plume
 
 LEAST_SIGMAS = 6.5
 """What a turn needs, whatever the evidence of pixels."""
-NATS_TOGETHER = 50.0
+NATS_TOGETHER = 65.0
 """What a plume needs: half the square of its sigmas and the evidence of the pixels together."""
+TRUE_OFFSET, TRUE_SLOPE = -6.1, 0.095
+"""Of the logistic curve from those nats to the probability that it is true, fitted to 15
+recordings with a plume and 21 strongest turns beside it or without one (docs/accuracy.md)."""
 RADIUS_WIDTHS = 2.5
 """Radius of a plume, in distances from its axis to the largest displacement; chosen by hand."""
 STARTS, START_UNITS = 12, 0.1
@@ -90,10 +94,11 @@ def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume |
     measured = find_axis(filled, column, rng)
     if measured is None:
         return None
-    plume = measure_plume(filled, *measured, 0.01)
+    nats = pixel_nats + turn.sigmas**2 / 2
+    plume = measure_plume(filled, *measured, float(expit(-TRUE_OFFSET - TRUE_SLOPE * nats)))
     return replace(
         plume,
-        evidence_nats=pixel_nats + turn.sigmas**2 / 2,
+        evidence_nats=nats,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
 
