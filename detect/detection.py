@@ -84,11 +84,12 @@ class Detection:
         if self.inverse_depth is not None:
             arrays["inverse_depth"] = self.inverse_depth
         with np.errstate(over="ignore"):
-            maps = {name: array.astype(np.float16) for name, array in arrays.items()}
+            halves = {name: array.astype(np.float16) for name, array in arrays.items()}
+        terms: dict[str, FloatMap] = {}
         if self.information is not None:
-            maps["information_vector"] = self.information.vector
-            maps["information_matrix"] = self.information.matrix
-        save_arrays(path, **maps)
+            terms["information_vector"] = self.information.vector
+            terms["information_matrix"] = self.information.matrix
+        save_arrays(path, **halves, **terms)
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -1,5 +1,7 @@
 """What each pixel says for one turn: the evidence that its source and its extent are taken from."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
@@ -12,6 +14,8 @@ from locate.fusion.views import Views
 
 AXIS_POINTS = 60
 """Points of an axis to which pixels are assigned; chosen by hand."""
+CORRELATION_PX2 = 60.0
+"""Area over which evidence counts as correlated where no view has any; chosen by hand."""
 BELOW_UNITS = 1.0
 """How far below its lowest point the axis is continued, units of fusion; chosen by hand."""
 
@@ -33,9 +37,11 @@ def with_turn_evidence(views: Views, turn: Turn) -> Views:
     llr = size_px * score - size_px**2 / 2 * variance
     total = max(float(llr.sum()), 1e-9)
     nats = turn.sigmas**2 / 2
-    turning = (llr * (nats / total * views.correlation_px2)).astype(np.float32)
     silent = ~views.llr.any(axis=(1, 2), keepdims=True)
-    return views.with_evidence(np.where(silent, turning, views.llr))
+    correlation_px2 = CORRELATION_PX2 if silent.all() else views.correlation_px2
+    turning = (llr * (nats / total * correlation_px2)).astype(np.float32)
+    filled = views.with_evidence(np.where(silent, turning, views.llr))
+    return replace(filled, correlation_px2=correlation_px2)
 
 
 def _predict_turn(views: Views, i: int, column: PlumeColumn) -> FloatMap:

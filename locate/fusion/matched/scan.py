@@ -22,6 +22,8 @@ PEAKS_OF_WIDTH = 40
 """Places that are kept of every width; chosen by hand."""
 APART_UNITS = 0.25
 """Distance of two places of one width, units of fusion; chosen by hand."""
+MOST_PLACES = 4e6
+"""Of one width in a volume; where it would take more they are spaced more widely."""
 SHOWN_PLACE = 3.0
 """Views that must show a voxel for a place in it to be tried."""
 
@@ -56,26 +58,26 @@ class TurnVolume:
         box = grid.box
         spacing = width * np.array([SIDE_SHARE, SIDE_SHARE, HEIGHT_SHARE])
         size = np.array(box.shape[::-1]) * box.voxel
+        places = float(np.prod(size / spacing))
+        spacing = spacing * max(1.0, (places / MOST_PLACES) ** (1 / 3))
         counts = np.maximum(size / spacing, 1).astype(int)
-        shape = tuple(counts[::-1].tolist())
-        index = np.indices(shape).reshape(3, -1)[::-1].T
-        points = box.low_in_world + index * spacing
-        voxel = (index * spacing / box.voxel).astype(int)[:, ::-1]
-        voxel = np.minimum(voxel, np.array(box.shape) - 1)
-        shown = np.flatnonzero(grid.weight[tuple(voxel.T)] >= SHOWN_PLACE)
-        upright = np.broadcast_to([0.0, 0.0, 1.0], (len(shown), 3))
-        samples = filters.sample(points[shown], np.full(len(shown), width), upright)
-        sides = np.zeros((SIDES, len(points)), np.float32)
-        weight = np.zeros(len(points), np.float32)
-        sides[:, shown] = (samples.sigmas * samples.weight).sum(axis=1)
-        weight[shown] = (samples.weight**2).sum(axis=0)
-        return cls(
-            low=box.low_in_world,
-            spacing=spacing,
-            width=width,
-            sides=sides.reshape(SIDES, *shape),
-            weight=weight.reshape(shape),
+        x, y, z = (np.arange(count) * step for count, step in zip(counts, spacing, strict=True))
+        column, row, layer = (
+            np.minimum((offsets / box.voxel).astype(int), cells - 1)
+            for offsets, cells in zip((x, y, z), box.shape[::-1], strict=True)
         )
+        sides = np.zeros((SIDES, len(z), len(y), len(x)), np.float32)
+        weight = np.zeros((len(z), len(y), len(x)), np.float32)
+        for level, height in enumerate(z):
+            seen = grid.weight[layer[level]][np.ix_(row, column)] >= SHOWN_PLACE
+            at_y, at_x = np.nonzero(seen)
+            offsets = np.column_stack([x[at_x], y[at_y], np.full(len(at_x), height)])
+            upright = np.broadcast_to([0.0, 0.0, 1.0], offsets.shape)
+            widths = np.full(len(offsets), width)
+            samples = filters.sample(box.low_in_world + offsets, widths, upright)
+            sides[:, level, at_y, at_x] = (samples.sigmas * samples.weight).sum(axis=1)
+            weight[level, at_y, at_x] = (samples.weight**2).sum(axis=0)
+        return cls(low=box.low_in_world, spacing=spacing, width=width, sides=sides, weight=weight)
 
     def sheared_sigmas(self, unit: float) -> Iterator[tuple[FloatMap, tuple[float, float], int]]:
         """Sigmas of all columns of one slope and length, by their lowest height and place.

@@ -1,0 +1,98 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from detect.detection import Detection
+from detect.information import DisplacementInformation
+from detect.registered import RegisteredDetector
+from detect.registered.information import COMMON_SHARE
+from tests.detect.scenes import TwoWalls, two_walls
+
+
+def of_displacement(w: np.ndarray, matrix: np.ndarray) -> DisplacementInformation:
+    """What pixels say that measured w exactly, each with its own precision."""
+    xx, xy, yy = np.moveaxis(matrix, -1, 0)
+    x, y = np.moveaxis(w, -1, 0)
+    vector = np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1)
+    return DisplacementInformation(
+        vector=vector.astype(np.float32), matrix=matrix.astype(np.float32)
+    )
+
+
+def random_matrix(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    gx, gy = rng.normal(size=(2, *shape))
+    return np.stack([gx * gx, gx * gy, gy * gy], axis=-1)
+
+
+def size_of(information: DisplacementInformation, shape: np.ndarray) -> float:
+    """The size of a displacement of that shape, by least squares."""
+    x, y = np.moveaxis(shape, -1, 0)
+    xx, xy, yy = np.moveaxis(information.matrix, -1, 0)
+    score = (shape * information.vector).sum()
+    return float(score / (x * x * xx + 2 * x * y * xy + y * y * yy).sum())
+
+
+def test_cells_hold_what_their_pixels_said() -> None:
+    rng = np.random.default_rng(0)
+    fine = of_displacement(rng.normal(size=(24, 36, 2)), random_matrix(rng, (24, 36)))
+    coarse = fine.summed_to(12, 8)
+    for name in ("vector", "matrix"):
+        maps = getattr(fine, name)
+        sums = maps.reshape(8, 3, 12, 3, -1).sum(axis=(1, 3))
+        np.testing.assert_allclose(getattr(coarse, name), sums, rtol=1e-4, atol=1e-4)
+
+
+def test_what_surroundings_share_goes_and_a_turn_stays() -> None:
+    rng = np.random.default_rng(1)
+    x = (np.arange(160) - 80) / 5
+    turn = np.zeros((120, 160, 2))
+    turn[..., 0] = x * np.exp(-(x**2) / 2)
+    shared = np.full_like(turn, 0.4)
+    information = of_displacement(0.1 * turn + shared, random_matrix(rng, turn.shape[:2]))
+    cleaned = information.without_local_mean(20.0)
+    assert abs(size_of(information, shared)) > 0.9
+    assert abs(size_of(cleaned, shared)) < 0.05
+    assert size_of(cleaned, turn) == pytest.approx(0.1, rel=0.2)
+
+
+def test_shapes_must_go_together() -> None:
+    with pytest.raises(ValueError, match="do not go together"):
+        DisplacementInformation(
+            vector=np.zeros((4, 5, 2), np.float32), matrix=np.zeros((4, 6, 3), np.float32)
+        )
+
+
+def share_measured(scene: TwoWalls, truth: np.ndarray) -> float:
+    """Measured over true displacement, both without what surroundings share."""
+    information = RegisteredDetector().detect(scene.frames, scene.key).information
+    assert information is not None
+    exact = of_displacement(truth, information.matrix)
+    exact = exact.without_local_mean(COMMON_SHARE * truth.shape[1])
+    return float((truth * information.vector).sum() / (truth * exact.vector).sum())
+
+
+def test_a_weak_plume_keeps_as_much_of_its_size_as_a_strong_one() -> None:
+    weak, strong = (
+        share_measured(scene, scene.displacement)
+        for scene in (two_walls(peak_px=0.15), two_walls(peak_px=0.6))
+    )
+    assert 0.6 < weak < 1.2
+    assert weak == pytest.approx(strong, abs=0.1)
+
+
+def test_still_air_has_no_size(walls_without_plume: TwoWalls) -> None:
+    plume = two_walls(peak_px=0.15).displacement
+    assert abs(share_measured(walls_without_plume, plume)) < 0.25
+
+
+def test_a_file_holds_the_information(tmp_path, walls_with_plume: TwoWalls) -> None:
+    detection = RegisteredDetector().detect(walls_with_plume.frames, walls_with_plume.key)
+    detection.save(tmp_path / "a.npz")
+    loaded = Detection.load(tmp_path / "a.npz").information
+    assert detection.information is not None
+    assert loaded is not None
+    np.testing.assert_array_equal(loaded.vector, detection.information.vector)
+    np.testing.assert_array_equal(loaded.matrix, detection.information.matrix)
+    replace(detection, information=None).save(tmp_path / "b.npz")
+    assert Detection.load(tmp_path / "b.npz").information is None

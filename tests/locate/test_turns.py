@@ -1,0 +1,137 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from detect.information import DisplacementInformation
+from geometry.grid import sum_evidence
+from locate.fusion.limit import detection_limit_px
+from locate.fusion.matched.filters import turn_kernel
+from locate.fusion.matched.fit import Turn, find_turns
+from locate.fusion.matched.plumes import NATS_TOGETHER, TurnSearch, passes
+from locate.fusion.matched.scan import propose_turns
+from locate.fusion.matched.score import join_sides
+from locate.fusion.views import Views
+from tests.simulated_evidence import (
+    NO_FAULTS,
+    ColumnTruth,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
+
+NOISE_PX = 0.5
+
+
+@pytest.fixture(scope="module")
+def truth() -> ColumnTruth:
+    return random_column(np.random.default_rng(5))
+
+
+def views_of(truth: ColumnTruth | None, share: float, *, sides: str = "both") -> Views:
+    """Views whose pixels measure a share of the displacement in noise, and give no evidence."""
+    rng = np.random.default_rng(9)
+    views = make_faulty_views(truth, orbit_trajectory(12, 60), rng, NO_FAULTS)
+    information = []
+    for displacement in views.displacement:
+        seen = displacement.copy()
+        if sides == "one":
+            seen = np.maximum(seen, 0)
+        measured = share * seen + rng.normal(0, NOISE_PX, displacement.shape)
+        precision = np.full(displacement.shape[:2], NOISE_PX**-2)
+        matrix = np.stack([precision, 0 * precision, precision], axis=-1)
+        information.append(
+            DisplacementInformation(
+                vector=(precision[..., None] * measured).astype(np.float32),
+                matrix=matrix.astype(np.float32),
+            )
+        )
+    views = replace(views, information=tuple(information))
+    return views.with_evidence(np.zeros_like(views.llr))
+
+
+def search_of(views: Views) -> TurnSearch:
+    grid = sum_evidence(views.volume(), views.trajectory, views.llr, views.inverse_depth)
+    search = TurnSearch.of_views(views, grid, np.random.default_rng(0))
+    assert search is not None
+    return search
+
+
+def turns_of(views: Views) -> list[Turn]:
+    search = search_of(views)
+    proposals = propose_turns(search.score.filters, search.grid)
+    return find_turns(search.score, proposals, np.random.default_rng(0))
+
+
+def test_a_plume_far_below_the_noise_of_a_pixel_is_found(truth: ColumnTruth) -> None:
+    views = views_of(truth, 0.2)
+    assert 0.2 * np.abs(views.displacement).max() < 0.6 * NOISE_PX
+    best = turns_of(views)[0]
+    assert best.sigmas > 10
+    height = np.array([truth.height / 2 + truth.source[2] - best.column.lowest_z])
+    middle = best.column.axis_points(height)[0]
+    axis = truth.source + truth.height / 2 * np.array([*truth.slope, 1.0])
+    assert np.linalg.norm(middle[:2] - axis[:2]) < 0.3
+
+
+def test_a_denser_gas_turns_the_other_way(truth: ColumnTruth) -> None:
+    assert turns_of(views_of(truth, -0.2))[0].sigmas < -10
+
+
+def test_noise_turns_nowhere() -> None:
+    assert max(abs(turn.sigmas) for turn in turns_of(views_of(None, 0.0))) < 7
+
+
+def test_what_is_displaced_on_one_side_alone_is_no_turn(truth: ColumnTruth) -> None:
+    both, one = (turns_of(views_of(truth, 0.2, sides=sides))[0] for sides in ("both", "one"))
+    assert abs(one.sigmas) < 0.7 * abs(both.sigmas)
+
+
+def test_the_weaker_side_decides() -> None:
+    sides = np.array([[3.0, 3.0, 3.0, -3.0], [3.0, 1.0, -3.0, -1.0]])
+    root = np.sqrt(2)
+    np.testing.assert_allclose(join_sides(sides), [3 * root, root, 0, -root])
+
+
+def test_a_turn_is_antisymmetric_across_its_axis() -> None:
+    kernel, off, direction = turn_kernel(3.0, np.pi / 6)
+    np.testing.assert_allclose(kernel, -kernel[::-1, ::-1], atol=1e-6)
+    np.testing.assert_allclose(direction, [np.sqrt(3) / 2, 0.5])
+    assert (kernel[off > 0] >= 0).all()
+
+
+def test_a_plume_needs_a_turn_and_evidence_together() -> None:
+    strong = float(np.sqrt(2 * NATS_TOGETHER)) + 0.1
+    sigmas, nats = np.array([strong, 7.0, 7.0, 3.0]), np.array([0.0, 0.0, 60.0, 300.0])
+    assert passes(sigmas, nats).tolist() == [True, False, True, False]
+
+
+def test_a_plume_without_evidence_of_pixels_is_measured(truth: ColumnTruth) -> None:
+    found = search_of(views_of(truth, 0.4)).find_plumes([], np.random.default_rng(1))
+    assert len(found) == 1
+    error = found[0].source - truth.source
+    assert np.linalg.norm(error[:2]) < 0.05 * 8.5
+    assert found[0].refractive_index == "lower"
+    assert 0.5 < found[0].probability < 1
+
+
+def test_a_known_plume_is_not_found_again(truth: ColumnTruth) -> None:
+    search = search_of(views_of(truth, 0.4))
+    known = search.find_plumes([], np.random.default_rng(1))
+    assert search.find_plumes(known, np.random.default_rng(1)) == []
+
+
+def test_views_without_information_are_not_searched(truth: ColumnTruth) -> None:
+    views = replace(views_of(truth, 0.2), information=())
+    grid = sum_evidence(views.volume(), views.trajectory, views.llr, views.inverse_depth)
+    assert TurnSearch.of_views(views, grid, np.random.default_rng(0)) is None
+
+
+def test_the_limit_is_lower_where_turns_are_searched_for(truth: ColumnTruth) -> None:
+    views = views_of(None, 0.0)
+    views = views.with_evidence(np.full_like(views.llr, -0.01))
+    alone = detection_limit_px(views, 1e6)
+    with_turns = detection_limit_px(views, 1e6, turns=search_of(views))
+    assert alone is None
+    assert with_turns is not None
+    assert with_turns < 3 * NOISE_PX
