@@ -20,7 +20,7 @@ from geometry.georeference import fit
 from geometry.sfm import mapping
 from geometry.trajectory import Trajectory
 from locate.export.report import words
-from locate.fusion.search import limit
+from locate.fusion import limit
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.fingerprint import source_of
