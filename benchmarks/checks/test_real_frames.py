@@ -14,6 +14,7 @@ from benchmarks.real_frames.displacement import (
     by_third,
     depth_step,
     frame_ratios,
+    informed_over_true,
     measured_over_true,
     true_in_undistorted,
 )
@@ -21,6 +22,8 @@ from benchmarks.real_frames.places import DEPTH_SHARES, RANGE_M, put_plume
 from benchmarks.real_frames.score import CaseScore, median, median_sigma, silent_share
 from benchmarks.real_frames.table import COLUMNS, row, table
 from detect.detection import Detection
+from detect.information import DisplacementInformation
+from detect.registered.information import COMMON_SHARE
 from geometry.arrays import FloatMap
 from geometry.camera import Camera
 from geometry.similarity import Similarity
@@ -61,6 +64,17 @@ def score() -> CaseScore:
         ratio=0.6,
         thirds={"texture": [0.1, 0.2, 0.3], "size": [0.4, 0.5, 0.6], "edge": [None, None, None]},
     )
+
+
+def test_the_size_by_normal_equations_is_that_of_the_truth(truth: FloatMap) -> None:
+    rng = np.random.default_rng(7)
+    gx, gy = rng.normal(size=(2, *SHAPE)).astype(np.float32)
+    along = (gx * truth[..., 0] + gy * truth[..., 1]) * 0.8
+    information = DisplacementInformation(
+        vector=np.stack([gx * along, gy * along], axis=-1),
+        matrix=np.stack([gx * gx, gx * gy, gy * gy], axis=-1),
+    ).without_local_mean(COMMON_SHARE * SHAPE[1])
+    assert informed_over_true(information, truth) == pytest.approx(0.8, rel=1e-3)
 
 
 def test_a_damped_answer_has_its_damping_as_ratio(truth: FloatMap) -> None:

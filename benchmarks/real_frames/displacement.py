@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from detect.information import DisplacementInformation
+from detect.registered.information import COMMON_SHARE
 from detect.warp import gradients, sample, structure_tensor
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 from geometry.camera import Camera
@@ -28,11 +30,13 @@ class FrameRatios:
         thirds: The same of the lowest, middle and highest third of those pixels, by each of
             `THIRDS`: how much detail the frame has there, |w|, and the step of depth.
         mean_px: Mean true |w| inside.
+        informed: As `informed_over_true`.
     """
 
     inside: float
     thirds: dict[str, tuple[float, float, float]]
     mean_px: float
+    informed: float = float("nan")
 
 
 def true_in_undistorted(truth: FloatMap, camera: Camera) -> FloatMap:
@@ -61,6 +65,26 @@ def measured_over_true(measured: FloatMap, truth: FloatMap, pixels: BoolArray) -
         return float("nan")
     true = truth[pixels].astype(float)
     return float((measured[pixels] * true).sum() / (true**2).sum())
+
+
+def informed_over_true(information: DisplacementInformation, truth: FloatMap) -> float:
+    """Size of the true displacement by the normal equations; 1 where nothing is lost.
+
+    What surroundings share is taken out of both.
+
+    Args:
+        information: (h, w) of a frame.
+        truth: (H, W, 2) px.
+    """
+    height, width = information.matrix.shape[:2]
+    coarse = cv2.resize(truth, (width, height), interpolation=cv2.INTER_AREA)
+    x, y = coarse[..., 0], coarse[..., 1]
+    xx, xy, yy = np.moveaxis(information.matrix, -1, 0)
+    exact = DisplacementInformation(
+        vector=np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1), matrix=information.matrix
+    ).without_local_mean(COMMON_SHARE * width)
+    variance = float((coarse * exact.vector).sum())
+    return float((coarse * information.vector).sum()) / variance if variance > 0 else float("nan")
 
 
 def frame_ratios(

@@ -13,6 +13,7 @@ from benchmarks.real_frames.displacement import (
     THIRDS,
     FrameRatios,
     frame_ratios,
+    informed_over_true,
     true_in_undistorted,
 )
 from detect.detection import Detection
@@ -48,6 +49,7 @@ class CaseScore:
         mean_px: Mean true |w| inside the plume, median over the frames: what a limit is told in.
         silent_share: Share of the frames without any evidence.
         sigma_px: Median over frames of the median sigma.
+        informed: The same by the normal equations of the displacement.
         ratio: Measured over true displacement inside the plume, median over frames.
         thirds: The same by third of each of `THIRDS`.
     """
@@ -66,6 +68,7 @@ class CaseScore:
     mean_px: float | None = None
     silent_share: float | None = None
     sigma_px: float | None = None
+    informed: float | None = None
     ratio: float | None = None
     thirds: dict[str, Thirds] | None = None
 
@@ -117,6 +120,7 @@ def score_map(case: Case, run: Path, plume_map: PlumeMap, poses: str, cpu_s: flo
         nees=hits[0].nees if hits else None,
         false_plumes=len(evaluation.false_plumes),
         mean_px=median([each.mean_px for each in ratios]),
+        informed=median([each.informed for each in ratios]),
         ratio=median([each.inside for each in ratios]),
         thirds=thirds_of(ratios),
     )
@@ -136,15 +140,17 @@ def ratios_of(
     for k, (index, detection) in enumerate(zip(indices, found, strict=True)):
         true = truth.frame(index)
         if true is not None:
-            ratios.append(
-                frame_ratios(
-                    detection.displacement,
-                    np.isfinite(detection.sigma_px),
-                    true_in_undistorted(true.displacement, camera),
-                    images[k],
-                    detection.inverse_depth,
-                )
+            w = true_in_undistorted(true.displacement, camera)
+            information = detection.information
+            by_frame = frame_ratios(
+                detection.displacement,
+                np.isfinite(detection.sigma_px),
+                w,
+                images[k],
+                detection.inverse_depth,
             )
+            informed = float("nan") if information is None else informed_over_true(information, w)
+            ratios.append(replace(by_frame, informed=informed))
     return ratios
 
 

@@ -19,6 +19,7 @@ COLUMNS = (
     "mean inside, px",
     "silent frames",
     "sigma, px",
+    "informed / true",
     "measured / true",
     *(f"by {name}" for name in THIRDS),
     "CPU s",
@@ -61,6 +62,7 @@ def row(scores: Sequence[CaseScore]) -> str:
         median_text([score.mean_px for score in scores], ".3f"),
         median_text([score.silent_share for score in scores]),
         median_text([score.sigma_px for score in scores], ".3f"),
+        median_text([score.informed for score in scores]),
         median_text([score.ratio for score in scores]),
         *(
             " ".join(median_text([of[name][k] for of in thirds]) for k in range(3))

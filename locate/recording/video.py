@@ -35,6 +35,9 @@ def open_video(path: Path) -> "av.container.InputContainer":
         container.close()
         raise BadInputError(f"{path}: holds no video stream")
     stream = container.streams.video[0]
+    if stream.codec_context is None:
+        container.close()
+        raise BadInputError(f"{path}: its video stream is of no codec that can be decoded")
     if stream.width * stream.height > MOST_PIXELS:
         container.close()
         raise BadInputError(f"{path}: its frames are {TOO_LARGE}")

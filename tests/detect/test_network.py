@@ -66,7 +66,7 @@ def test_tiles_without_their_margin_would_not(tmp_path: Path) -> None:
         ({"schema": None}, "lack schema"),
         ({"stride": None}, "incomplete metadata"),
         ({"stride": "many"}, "incomplete metadata"),
-        ({"stride": 0}, "expected one input"),
+        ({"stride": 0}, "not between 1 and 4096 px"),
         ({"channels": 1}, "expected one input"),
     ],
 )
