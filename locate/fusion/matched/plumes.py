@@ -10,6 +10,7 @@ from scipy.special import expit
 
 from geometry.arrays import BoolArray, FloatArray
 from geometry.grid import EvidenceGrid
+from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
 from locate.fusion.matched.fit import Turn, find_turns
@@ -36,6 +37,9 @@ STARTS, START_UNITS = 12, 0.1
 units of fusion; chosen by hand."""
 NEAR_ROUNDS = ALL_ROUNDS[8:14]
 """Of that search: it begins with small steps; chosen by hand."""
+MOSTLY_SILENT = 0.5
+"""Share of the views without evidence of pixels above which the axis is the turn's own: sections of
+single views place it worse then. Set on six places of one recording (docs/weak_plumes.md)."""
 KNOWN_UNITS = 1.0
 """A turn nearer to a plume than this is its own or what it leaves, units of fusion; by hand."""
 
@@ -94,6 +98,8 @@ def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume |
     measured = find_axis(filled, column, rng)
     if measured is None:
         return None
+    if np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
+        measured = _on_turn(*measured, turn)
     nats = pixel_nats + turn.sigmas**2 / 2
     plume = measure_plume(filled, *measured, float(expit(-TRUE_OFFSET - TRUE_SLOPE * nats)))
     return replace(
@@ -101,6 +107,15 @@ def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume |
         evidence_nats=nats,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
+
+
+def _on_turn(
+    column: PlumeColumn, axis: AxisEstimate, turn: Turn
+) -> tuple[PlumeColumn, AxisEstimate]:
+    """The column and its axis moved onto the turn's own axis; the covariance stays."""
+    (point,) = turn.column.axis_points(np.array([axis.lowest - turn.column.lowest_z]))
+    line = np.concatenate([point[:2], turn.column.slope])
+    return column.on_line(line), replace(axis, line=line)
 
 
 def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) -> float:
