@@ -29,7 +29,7 @@ NATS_TOGETHER = 65.0
 """What a plume needs: half the square of its sigmas and the evidence of the pixels together."""
 TRUE_OFFSET, TRUE_SLOPE = -6.1, 0.095
 """Of the logistic curve from those nats to the probability that it is true, fitted to 15
-recordings with a plume and 21 strongest turns beside it or without one (docs/accuracy.md)."""
+recordings with a plume and 21 strongest turns beside it or without one (docs/weak_plumes.md)."""
 RADIUS_WIDTHS = 2.5
 """Radius of a plume, in distances from its axis to the largest displacement; chosen by hand."""
 STARTS, START_UNITS = 12, 0.1
