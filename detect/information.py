@@ -65,6 +65,11 @@ class DisplacementInformation:
         determinant = xx * yy - xy * xy
         mean_x = (yy * x - xy * y) / determinant
         mean_y = (xx * y - xy * x) / determinant
-        own_xx, own_xy, own_yy = cv2.split(self.matrix)
-        shared = cv2.merge([own_xx * mean_x + own_xy * mean_y, own_xy * mean_x + own_yy * mean_y])
-        return type(self)(vector=np.asarray(self.vector - shared), matrix=self.matrix)
+        shared = self.times(np.asarray(cv2.merge([mean_x, mean_y])))
+        return type(self)(vector=self.vector - shared, matrix=self.matrix)
+
+    def times(self, displacement: FloatMap) -> FloatMap:
+        """(h, w, 2) the matrix times a displacement (h, w, 2): the vector that it would give."""
+        x, y = displacement[..., 0], displacement[..., 1]
+        xx, xy, yy = np.moveaxis(self.matrix, -1, 0)
+        return np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1)

@@ -78,10 +78,8 @@ def informed_over_true(information: DisplacementInformation, truth: FloatMap) ->
     """
     height, width = information.matrix.shape[:2]
     coarse = cv2.resize(truth, (width, height), interpolation=cv2.INTER_AREA)
-    x, y = coarse[..., 0], coarse[..., 1]
-    xx, xy, yy = np.moveaxis(information.matrix, -1, 0)
     exact = DisplacementInformation(
-        vector=np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1), matrix=information.matrix
+        vector=information.times(coarse), matrix=information.matrix
     ).without_local_mean(COMMON_SHARE * width)
     variance = float((coarse * exact.vector).sum())
     return float((coarse * information.vector).sum()) / variance if variance > 0 else float("nan")

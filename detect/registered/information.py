@@ -61,10 +61,12 @@ def displacement_information(
         differences[k] = difference - _blur_wide(difference, wide)
     along_x, along_y = gradients((key + registered.mean(axis=0)) / 2)
     scatter, weight = np.empty((2, height, width), np.float32)
+    squares = np.empty_like(differences)
     for rows in row_bands(height):
         lever = _levers(along_x, along_y, slopes, rows)
-        answer = _PixelFit.solve(differences[:, rows], lever, visible[:, rows])
-        scatter[rows], weight[rows] = answer.scatter, answer.weights.sum(axis=0)
+        first = _PixelFit.solve(differences[:, rows], lever, visible[:, rows])
+        scatter[rows], weight[rows] = first.scatter, first.weights.sum(axis=0)
+        squares[:, rows] = first.squared_residuals
     freedom = np.maximum(blur(weight, SCATTER_PX) - 2, 1)
     noise = blur(scatter, SCATTER_PX) / freedom
     steepness = along_x * along_x + along_y * along_y
@@ -73,8 +75,7 @@ def displacement_information(
     for rows in row_bands(height):
         lever = _levers(along_x, along_y, slopes, rows)
         calm = 4 * (noise[rows] + LEAST_VARIANCE)
-        first = _PixelFit.solve(differences[:, rows], lever, visible[:, rows])
-        weights = np.asarray(visible[:, rows] / (1 + first.squared_residuals / calm), np.float32)
+        weights = np.asarray(visible[:, rows] / (1 + squares[:, rows] / calm), np.float32)
         answer = _PixelFit.solve(differences[:, rows], lever, weights)
         told[rows] = -answer.common
         variance = noise[rows] * (1 + answer.variance_factor) + LEAST_VARIANCE

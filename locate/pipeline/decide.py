@@ -91,16 +91,13 @@ def fuse_detections(
         least_nats=detector.clutter_nats * len(views),
     )
     plumes = [cap_probability(plume, detector, len(views)) for plume in fused.plumes]
-    # Add the plumes that only the displacement of all views together shows.
-    turns = None
+    limit_px = None
     if fused.grid is not None:
+        # Add the plumes that only the displacement of all views together shows.
         rng = np.random.default_rng(seed)
         turns = TurnSearch.of_views(views, fused.grid, rng)
         plumes += [] if turns is None else turns.find_plumes(plumes, rng)
-    report("fusion", 1.0)
-    # Work out what would have been seen.
-    limit_px = None
-    if fused.grid is not None:
+        # Work out what would have been seen.
         save_evidence(fused.grid, fused.threshold_nats, evidence)
         limit_px = detection_limit_px(
             views,
@@ -109,6 +106,7 @@ def fuse_detections(
             seed=seed,
             turns=turns,
         )
+    report("fusion", 1.0)
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,

@@ -6,30 +6,20 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from locate.fusion.matched.score import TurnScore
-from locate.fusion.search.columns import (
-    HEIGHT,
-    OPENING,
-    RADIUS,
-    SLOPE_X,
-    SLOPE_Y,
-    Columns,
-    PlumeColumn,
-)
-from locate.fusion.search.fit import LENGTHS, STEEPEST
+from locate.fusion.search.columns import Columns, PlumeColumn
+from locate.fusion.search.fit import FREE, SLOPES, SearchSpace, random_search
 
 REFINED = 32
 """Columns that are refined, the best of the scan; chosen by hand."""
-ROUNDS, DRAWS, SHRINK = 12, 40, 0.8
-"""Of the search, columns tried in each, and how the steps shrink; chosen by hand."""
-STEP_UNITS = np.array([0.1, 0.1, 0.3, 0.1, 0.1, 0.4, 0.05, 0.04])
-"""Standard deviation of a step of the first round, for each entry of a column: lengths in units of
-fusion, slopes and opening as they are; chosen by hand."""
-WIDTH_UNITS = (0.04, 0.4)
-"""Least and largest distance from the axis to the largest displacement, units of fusion."""
-HEIGHT_UNITS = (0.5, 4.0)
-"""Least and largest height, units of fusion; chosen by hand."""
-WIDEST_OPENING = 0.25
-"""Growth of the width per unit of height; chosen by hand."""
+ROUNDS = range(12)
+"""Of the search; chosen by hand."""
+TURNS = SearchSpace(
+    steps=np.array([0.1, 0.1, 0.3, 0.1, 0.1, 0.4, 0.05, 0.04]),
+    bounds=np.array([FREE, FREE, FREE, SLOPES, SLOPES, (0.5, 4.0), (0.04, 0.4), (0.0, 0.25)]),
+    shrink=0.8,
+)
+"""Columns that are tried, their radius the distance from the axis to the largest displacement;
+chosen by hand."""
 APART_UNITS = 0.3
 """Axes nearer than this are one plume's, units of fusion; chosen by hand."""
 
@@ -71,29 +61,11 @@ def _climb(
     score: TurnScore, starts: Columns, sigmas: FloatArray, rng: np.random.Generator
 ) -> tuple[Columns, FloatArray]:
     """Where N starts end, each by itself, and their sigmas; which way light is bent is kept."""
-    unit = score.filters.views.unit
-    columns = _clip_to_bounds(starts.array, unit)
     sign = np.where(sigmas < 0, -1.0, 1.0)
-    best = sign * score(Columns(columns))
-    rows = np.arange(len(columns))
-    scale = np.ones(8)
-    scale[list(LENGTHS)] = unit
-    for turn in range(ROUNDS):
-        step = STEP_UNITS * scale * SHRINK**turn
-        tried = np.repeat(columns, DRAWS, axis=0)
-        tried = _clip_to_bounds(tried + rng.normal(size=tried.shape) * step, unit)
-        value = score(Columns(tried)).reshape(len(columns), DRAWS) * sign[:, None]
-        pick = value.argmax(axis=1)
-        better = value[rows, pick] > best
-        columns[better] = tried.reshape(len(columns), DRAWS, 8)[rows, pick][better]
-        best = np.maximum(best, value.max(axis=1))
-    return Columns(columns), sign * best
 
+    def sigmas_alike(columns: Columns) -> FloatArray:
+        return score(columns) * sign.repeat(len(columns) // max(1, len(sign)))
 
-def _clip_to_bounds(columns: FloatArray, unit: float) -> FloatArray:
-    near = columns.copy()
-    near[:, [SLOPE_X, SLOPE_Y]] = near[:, [SLOPE_X, SLOPE_Y]].clip(-STEEPEST, STEEPEST)
-    near[:, HEIGHT] = near[:, HEIGHT].clip(*np.multiply(HEIGHT_UNITS, unit))
-    near[:, RADIUS] = near[:, RADIUS].clip(*np.multiply(WIDTH_UNITS, unit))
-    near[:, OPENING] = near[:, OPENING].clip(0, WIDEST_OPENING)
-    return near
+    unit = score.filters.views.unit
+    columns, best = random_search(sigmas_alike, starts, unit, rng, rounds=ROUNDS, space=TURNS)
+    return columns, sign * best

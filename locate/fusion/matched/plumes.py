@@ -11,6 +11,7 @@ from scipy.special import expit
 from geometry.arrays import BoolArray, FloatArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.axis.estimate import AxisEstimate
+from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
 from locate.fusion.matched.fit import Turn, find_turns
@@ -40,8 +41,6 @@ NEAR_ROUNDS = ALL_ROUNDS[8:14]
 MOSTLY_SILENT = 0.5
 """Share of the views without evidence of pixels above which the axis is the turn's own: sections of
 single views place it worse then. Set on six places of one recording (docs/weak_plumes.md)."""
-KNOWN_UNITS = 1.0
-"""A turn nearer to a plume than this is its own or what it leaves, units of fusion; by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,4 +128,4 @@ def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) 
 
 def _is_near(plume: Plume, others: Sequence[Plume], unit: float) -> bool:
     apart = (np.linalg.norm((plume.source - other.source)[:2]) for other in others)
-    return any(distance < KNOWN_UNITS * unit for distance in apart)
+    return any(distance < FAR_UNITS * unit for distance in apart)

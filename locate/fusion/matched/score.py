@@ -111,13 +111,18 @@ class TurnScore:
 
     def view_turns(self, columns: Columns) -> ViewTurns:
         """Of each view, in units of its scatter."""
-        turns = view_turns(self.filters, columns)
+        return self._in_scatter(view_turns(self.filters, columns), columns)
+
+    def _in_scatter(self, turns: ViewTurns, columns: Columns) -> ViewTurns:
         by_view = np.moveaxis(self.view_scatter[self._classes(columns)], 0, -1)
         return ViewTurns(sigmas=turns.sigmas / by_view, weight=turns.weight)
 
     def __call__(self, columns: Columns) -> FloatArray:
         """(N,) sigmas of all views together, positive where light is bent away from the axis."""
-        return join_sides(self.view_turns(columns).sides / self.scatter[self._classes(columns)].T)
+        return self._join(self.view_turns(columns), columns)
+
+    def _join(self, turns: ViewTurns, columns: Columns) -> FloatArray:
+        return join_sides(turns.sides / self.scatter[self._classes(columns)].T)
 
     def expected(self, columns: Columns, size_px: float) -> FloatArray:
         """(N,) sigmas that turns of that size would show on average.
@@ -129,10 +134,7 @@ class TurnScore:
         samples = _sample_axes(self.filters, columns)
         would = np.minimum(size_px * samples.sigmas_per_px, MOST_SIGMAS)
         turns = _sum_heights(would, samples.weight, len(columns))
-        classes = self._classes(columns)
-        by_view = np.moveaxis(self.view_scatter[classes], 0, -1)
-        turns = ViewTurns(sigmas=turns.sigmas / by_view, weight=turns.weight)
-        return join_sides(turns.sides / self.scatter[classes].T)
+        return self._join(self._in_scatter(turns, columns), columns)
 
     def _classes(self, columns: Columns) -> tuple[IntArray, IntArray]:
         """Which random columns each column is most like."""

@@ -1,16 +1,14 @@
 """Columns fitted to the summed evidence: a shrinking random search."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.arrays import FloatArray
 from locate.fusion.search.columns import (
     HEIGHT,
-    OPENING,
     RADIUS,
-    SLOPE_X,
-    SLOPE_Y,
     Columns,
     PlumeColumn,
     X,
@@ -40,6 +38,49 @@ OPENINGS = (0.02, 0.35)
 """Least and largest growth of the radius per unit of height; chosen by hand."""
 LENGTHS = (X, Y, Z, HEIGHT, RADIUS)
 """The entries of a column that are lengths."""
+FREE = (-np.inf, np.inf)
+"""No bounds."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SearchSpace:
+    """Which columns a search tries: lengths in units of fusion, slopes and openings as they are.
+
+    Attributes:
+        steps: (8,) standard deviations of a step of the first round, for each entry of a column.
+        bounds: (8, 2) least and largest value of each entry.
+        shrink: How the steps shrink from round to round.
+    """
+
+    steps: FloatArray
+    bounds: FloatArray
+    shrink: float
+
+    def steps_in(self, unit: float) -> FloatArray:
+        """(8,) how far the first round tries to either side, lengths in world units."""
+        return np.asarray(self.steps * _scale(unit))
+
+    def clip(self, columns: FloatArray, unit: float) -> FloatArray:
+        """The nearest (N, 8) columns within the bounds."""
+        least, most = self.bounds.T * _scale(unit)
+        return np.asarray(columns.clip(least, most))
+
+
+def _scale(unit: float) -> FloatArray:
+    """(8,) what each entry of a column is counted in."""
+    scale = np.ones(8)
+    scale[list(LENGTHS)] = unit
+    return scale
+
+
+SLOPES = (-STEEPEST, STEEPEST)
+"""Least and largest slope of an axis."""
+PLUMES = SearchSpace(
+    steps=SEARCH_STEP_UNITS,
+    bounds=np.array([FREE, FREE, FREE, SLOPES, SLOPES, HEIGHT_UNITS, RADIUS_UNITS, OPENINGS]),
+    shrink=SHRINK,
+)
+"""Columns that a plume may have."""
 
 Objective = Callable[[Columns], FloatArray]
 """What a search makes as large as possible: (N,) values of N columns."""
@@ -71,41 +112,26 @@ def random_search(
     rng: np.random.Generator,
     *,
     rounds: range = ALL_ROUNDS,
+    space: SearchSpace = PLUMES,
 ) -> tuple[Columns, FloatArray]:
     """The N columns that N starts end in, each by itself, and their values.
 
-    The opening angle stays free: held fixed, the fit slides towards the cameras.
+    The opening angle stays free: held fixed, the fit slides towards the cameras. `space` says how
+    far it goes.
     """
-    columns = clip_to_bounds(starts.array, unit)
+    columns = space.clip(starts.array, unit)
     best = objective(Columns(columns))
     rows = np.arange(len(columns))
     for round_number in rounds:
-        step = search_steps(unit) * SHRINK**round_number
+        step = space.steps_in(unit) * space.shrink**round_number
         tried = np.repeat(columns, DRAWS, axis=0)
-        tried = clip_to_bounds(tried + rng.normal(size=tried.shape) * step, unit)
+        tried = space.clip(tried + rng.normal(size=tried.shape) * step, unit)
         value = objective(Columns(tried)).reshape(len(columns), DRAWS)
         pick = value.argmax(axis=1)
         better = value[rows, pick] > best
         columns[better] = tried.reshape(len(columns), DRAWS, 8)[rows, pick][better]
         best = np.maximum(best, value.max(axis=1))
     return Columns(columns), best
-
-
-def search_steps(unit: float) -> FloatArray:
-    """(8,) how far the first round of a search tries to either side."""
-    scale = np.ones(8)
-    scale[list(LENGTHS)] = unit
-    return np.asarray(SEARCH_STEP_UNITS * scale)
-
-
-def clip_to_bounds(columns: FloatArray, unit: float) -> FloatArray:
-    """The nearest (N, 8) columns that a plume may have."""
-    near = columns.copy()
-    near[:, [SLOPE_X, SLOPE_Y]] = near[:, [SLOPE_X, SLOPE_Y]].clip(-STEEPEST, STEEPEST)
-    near[:, HEIGHT] = near[:, HEIGHT].clip(*np.multiply(HEIGHT_UNITS, unit))
-    near[:, RADIUS] = near[:, RADIUS].clip(*np.multiply(RADIUS_UNITS, unit))
-    near[:, OPENING] = near[:, OPENING].clip(*OPENINGS)
-    return near
 
 
 def drop_duplicates(columns: Columns, unit: float) -> Columns:

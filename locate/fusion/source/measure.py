@@ -11,7 +11,7 @@ from locate.fusion.axis.graph import estimate_axis
 from locate.fusion.axis.sightings import VIEW_SAW_NATS, find_bending_sign, sight_axis
 from locate.fusion.axis.sway import SwayHypothesis
 from locate.fusion.search.columns import Columns, PlumeColumn
-from locate.fusion.search.fit import ALL_ROUNDS, random_search, search_steps
+from locate.fusion.search.fit import ALL_ROUNDS, PLUMES, random_search
 from locate.fusion.search.score import column_evidence, score_columns
 from locate.fusion.source.base import locate_base
 from locate.fusion.views import Views
@@ -43,7 +43,7 @@ def find_axis(
     small-sample term). The column is the one with the most evidence. `rounds` of the search: fewer
     stay nearer.
     """
-    starts = column.array + rng.normal(size=(SEARCHES, 8)) * search_steps(views.unit)
+    starts = column.array + rng.normal(size=(SEARCHES, 8)) * PLUMES.steps_in(views.unit)
     starts[0] = column.array
     columns, _ = random_search(
         partial(column_evidence, views), Columns(starts), views.unit, rng, rounds=rounds
