@@ -104,8 +104,10 @@ class Detection:
             vector = maps.pop("information_vector", None)
             matrix = maps.pop("information_matrix", None)
             detection = cls(**maps)  # type: ignore[arg-type]
-            if vector is None or matrix is None:
+            if vector is None and matrix is None:
                 return detection
+            if vector is None or matrix is None:
+                raise ValueError("of the information one half is missing")
             return replace(
                 detection, information=DisplacementInformation(vector=vector, matrix=matrix)
             )

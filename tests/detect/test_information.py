@@ -7,6 +7,8 @@ from detect.detection import Detection
 from detect.information import DisplacementInformation
 from detect.registered import RegisteredDetector
 from detect.registered.information import COMMON_SHARE
+from geometry.errors import BadInputError
+from geometry.npz import read_npz, save_arrays
 from tests.detect.scenes import TwoWalls, two_walls
 
 
@@ -96,3 +98,8 @@ def test_a_file_holds_the_information(tmp_path, walls_with_plume: TwoWalls) -> N
     np.testing.assert_array_equal(loaded.matrix, detection.information.matrix)
     replace(detection, information=None).save(tmp_path / "b.npz")
     assert Detection.load(tmp_path / "b.npz").information is None
+    arrays = read_npz(tmp_path / "a.npz")
+    del arrays["information_matrix"]
+    save_arrays(tmp_path / "c.npz", **arrays)
+    with pytest.raises(BadInputError, match=r"c\.npz: not a detection \(of the information"):
+        Detection.load(tmp_path / "c.npz")
