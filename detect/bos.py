@@ -47,6 +47,11 @@ class BosDetector:
         self._reference_frames = reference_frames
         self._median: tuple[Sequence[GreyImage], GreyImage] | None = None
 
+    @property
+    def uses_other_frames(self) -> bool:
+        """Whether the reference is taken from the frames."""
+        return self._given is None
+
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index` against the reference.
 

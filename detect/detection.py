@@ -127,6 +127,11 @@ class Detector(Protocol):
     name: str
     response: Response | None
 
+    @property
+    def uses_other_frames(self) -> bool:
+        """Whether frames that are not measured themselves serve those that are."""
+        ...
+
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`; other frames may serve as neighbours or reference."""
         ...

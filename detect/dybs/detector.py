@@ -42,6 +42,7 @@ class DybsDetector:
 
     name = "dybs"
     response: Response | None = None
+    uses_other_frames = False
 
     def __init__(self, weights: Path) -> None:
         self.estimator = SingleFrameEstimator(weights)

@@ -44,6 +44,8 @@ class RegisteredDetector:
         BadInputError: The file is not such a network.
     """
 
+    uses_other_frames = True
+
     def __init__(
         self,
         *,

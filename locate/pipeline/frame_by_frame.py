@@ -80,7 +80,8 @@ def detect_frames(
         detector: Measures the frames.
         poses: Of the frames, for a detector that needs them; frames without one are left out.
         camera: A JSON file with the camera of the poses.
-        every: Of so many frames, one is measured.
+        every: Of so many frames, one is measured; the others still serve it where the detector
+            compares frames.
         threshold_nats: A pixel with more evidence is in the mask.
         report: Takes the progress.
 
@@ -89,13 +90,15 @@ def detect_frames(
     """
     recording = open_recording(path, max_side=ANY_SIDE)
     with _claim_folder(output) as scratch:
-        files = FrameFiles.of(recording, scratch, every=every)
+        read_every = 1 if detector.uses_other_frames else every
+        files = FrameFiles.of(recording, scratch, every=read_every)
         notes: tuple[str, ...] = ()
         if poses is None:
             frames = files.frames()
         else:
             files, frames, notes = files.with_poses(poses, camera)
-        summaries = _detect_each(frames, files, detector, output, threshold_nats, report)
+        rows = range(0, len(frames), every // read_every)
+        summaries = _detect_each(frames, rows, files, detector, output, threshold_nats, report)
     content = {
         "schema": SCHEMA,
         "detector": detector.name,
@@ -109,27 +112,30 @@ def detect_frames(
 
 def _detect_each(
     frames: Frames,
+    rows: range,
     files: FrameFiles,
     detector: Detector,
     output: Path,
     threshold_nats: float,
     report: Report,
 ) -> list[FrameSummary]:
-    sizes = {image.shape for image in frames.images}
+    measured = files.select_rows(rows)
+    sizes = {frames.images[row].shape for row in rows}
     summaries = []
     with ExitStack() as stack:
         video = None
-        if len(frames) > 1 and len(sizes) == 1:
+        if len(rows) > 1 and len(sizes) == 1:
             height, width = sizes.pop()
             unfinished = stack.enter_context(atomic_path(output / VIDEO))
-            video = stack.enter_context(open_video(unfinished, size=(width, height), fps=files.fps))
-        for index, label in enumerate(files.labels):
-            report("detections", index / len(frames))
-            detection = detector.detect(frames, index)
+            fps = measured.fps
+            video = stack.enter_context(open_video(unfinished, size=(width, height), fps=fps))
+        for done, (row, label) in enumerate(zip(rows, measured.labels, strict=True)):
+            report("detections", done / len(rows))
+            detection = detector.detect(frames, row)
             _write_detection(detection, output, label, threshold_nats)
             summaries.append(FrameSummary.of(label, detection, threshold_nats))
             if video is not None:
-                video.write(overlay_evidence(frames.images[index], detection.llr, LLR_MAX))
+                video.write(overlay_evidence(frames.images[row], detection.llr, LLR_MAX))
     report("detections", 1.0)
     return summaries
 

@@ -1,6 +1,6 @@
 """The frames of any recording as files, so that each can be read when it is wanted."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -32,7 +32,7 @@ class FrameFiles:
         indices: Of each in the recording.
         times_s: Of each; of photos the index.
         size: Width and height of the first, px.
-        fps: Frames per second; slow where they are photos, which have no times.
+        is_video: They are of a video, else photos.
         stretch: Of the recording, for photos of 16 bits.
     """
 
@@ -41,7 +41,7 @@ class FrameFiles:
     indices: tuple[int, ...]
     times_s: tuple[float, ...]
     size: tuple[int, int]
-    fps: float
+    is_video: bool
     stretch: Stretch | None = None
 
     @classmethod
@@ -61,7 +61,7 @@ class FrameFiles:
                 indices=indices,
                 times_s=tuple(map(float, indices)),
                 size=size,
-                fps=PHOTOS_FPS,
+                is_video=False,
                 stretch=recording.stretch,
             )
         kept = []
@@ -70,15 +70,20 @@ class FrameFiles:
                 write_png(workshop / f"{frame.index:06d}.png", frame.image)
                 kept.append((frame.index, frame.time_s))
         indices, times_s = zip(*kept, strict=True)
-        step_s = (times_s[-1] - times_s[0]) / max(len(kept) - 1, 1)
         return cls(
             folder=workshop,
             names=tuple(f"{index:06d}.png" for index in indices),
             indices=indices,
             times_s=times_s,
             size=size,
-            fps=1 / step_s if step_s > 0 else PHOTOS_FPS,
+            is_video=True,
         )
+
+    @property
+    def fps(self) -> float:
+        """Frames per second; `PHOTOS_FPS` where they are photos, which have no times."""
+        length_s = self.times_s[-1] - self.times_s[0]
+        return (len(self.names) - 1) / length_s if self.is_video and length_s > 0 else PHOTOS_FPS
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -106,7 +111,7 @@ class FrameFiles:
         trajectory, rows = read_named_poses(poses, known).match_to_frames(
             self.names, np.array(self.indices), np.array(self.times_s), size=self.size
         )
-        left = self._select_rows(rows.tolist())
+        left = self.select_rows(rows.tolist())
         images = FrameImages([left.folder / name for name in left.names], stretch=left.stretch)
         for name, image in zip(left.names, images, strict=True):
             if image.shape[::-1] != self.size:
@@ -134,14 +139,14 @@ class FrameFiles:
         )
         return left, posed.undistorted(), tuple(map(printable, notes))
 
-    def _select_rows(self, rows: Iterable[int]) -> Self:
-        rows = list(rows)
+    def select_rows(self, rows: Sequence[int]) -> Self:
+        """Those of these rows."""
         return type(self)(
             folder=self.folder,
             names=tuple(self.names[row] for row in rows),
             indices=tuple(self.indices[row] for row in rows),
             times_s=tuple(self.times_s[row] for row in rows),
             size=self.size,
-            fps=self.fps,
+            is_video=self.is_video,
             stretch=self.stretch,
         )

@@ -139,6 +139,8 @@ class DetectorWorker:
         response: As of a `Detector`.
     """
 
+    uses_other_frames = True
+
     def __init__(self, like: Detector, neighbours: int) -> None:
         self.name, self.response = like.name, like.response
         self._detector = SubprocessWorker(make_detector, LEARNED_DETECTOR, neighbours=neighbours)

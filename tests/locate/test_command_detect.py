@@ -11,6 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
+from detect.bos import temporal_median
 from detect.detection import Detection, Detector, Frames
 from detect.registry import KINDS, DetectorChoice, make_detector
 from detect.response import Response
@@ -34,6 +35,7 @@ class Blob:
 
     name = "blob"
     response: Response | None = None
+    uses_other_frames = False
 
     def detect(self, frames: Frames, index: int) -> Detection:
         shape = frames.images[index].shape
@@ -119,6 +121,29 @@ def test_every_second_frame_of_a_video(video: Path, tmp_path: Path) -> None:
     assert names(tmp_path / "out/masks") == ["000000.png", "000002.png", "000004.png"]
     with av.open(str(tmp_path / "out/overlay.mp4")) as container:
         assert float(container.streams.video[0].average_rate or 0) == pytest.approx(6, rel=0.003)
+
+
+def test_frames_between_those_measured_stay_neighbours(tmp_path: Path) -> None:
+    detector = make_detector("registered-plain", neighbours=2)
+    poses = SAMPLE / "truth.json"
+    seen = detect_frames(SAMPLE_VIDEO, tmp_path / "out", detector, poses=poses, every=15)
+    assert [one.frame for one in seen] == [f"{15 * i:06d}" for i in range(len(seen))]
+    assert len(seen) > 1
+    assert min(one.judged_share for one in seen) > 0.3
+
+
+def test_reference_is_of_all_frames(photos: Path, tmp_path: Path) -> None:
+    every = temporal_median([texture(i) for i in range(5)], 31)
+    detector = make_detector("bos")
+    detect_frames(photos, tmp_path / "out", detector, every=4)
+    against_all = make_detector("bos", reference=every)
+    detect_frames(photos, tmp_path / "all", against_all, every=4)
+    for name in ("p0", "p4"):
+        ours, wanted = (
+            Detection.load(tmp_path / folder / f"detections/{name}.npz")
+            for folder in ("out", "all")
+        )
+        assert (ours.displacement == wanted.displacement).all()
 
 
 def test_one_image_of_odd_size_has_no_video(tmp_path: Path) -> None:
