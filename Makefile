@@ -5,11 +5,12 @@ EXAMPLES ?= 3000
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test robust fuzz audit sbom ros bench train lint picture clean
+.PHONY: help demo test site robust fuzz audit sbom ros bench train lint picture clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
 	@echo "make test    lint, types, layers, tests, and the wheel in an empty environment"
+	@echo "make site    the documentation as pages: build/site/index.html"
 	@echo "make robust  the tests that depend on rounding: kernels of other processors, threads, load"
 	@echo "make fuzz    the tests of damaged files with EXAMPLES=3000 of each kind: hours"
 	@echo "make audit   known weaknesses of the pinned packages, asked of PyPI"
@@ -26,6 +27,9 @@ demo: $(VENV)/runtime.stamp
 test: lint
 	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 	tests/wheel_check.sh $(BIN)/python
+
+site: $(VENV)/dev.stamp
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 robust: $(VENV)/dev.stamp
 	$(BIN)/python .ci/robustness

@@ -1,7 +1,18 @@
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+from tests.documented_commands import (
+    blocks,
+    calls,
+    complaints,
+    complaints_of_modules,
+    inline_complaints,
+)
 
 ROOT = Path(__file__).parents[1]
 PAGES = (
@@ -49,3 +60,69 @@ def test_links_lead_somewhere(page: Path) -> None:
         if not there and not re.match(r"[a-z]+:", target):
             lost.append(target)
     assert lost == []
+
+
+INDENTED = re.compile(r"(?:^|\n)\n {4}(?:locate|python|pip|make) ")
+HISTORY = {"CHANGELOG.md", "tried.md"}
+
+
+@each_page
+def test_commands_are_in_blocks_of_the_shell(page: Path) -> None:
+    assert not INDENTED.search(page.read_text(encoding="utf-8"))
+
+
+def test_commands_in_blocks_are_understood(tmp_path: Path) -> None:
+    wrong: list[str] = []
+    modules: list[list[str]] = []
+    for page in PAGES:
+        for block in blocks(page):
+            for call in calls(block, tmp_path):
+                wrong += [f"{page.name}: {text}" for text in complaints(call, modules)]
+    assert modules
+    assert wrong + complaints_of_modules(modules) == []
+
+
+@each_page
+def test_commands_in_sentences_name_what_there_is(page: Path) -> None:
+    if page.name not in HISTORY:
+        assert inline_complaints(page) == []
+
+
+def test_commands_marked_to_be_run_do(tmp_path: Path) -> None:
+    found = [block for page in PAGES for block in blocks(page, to_run=True)]
+    assert found
+    bin_folder = tmp_path / "bin"
+    bin_folder.mkdir()
+    for name in ("locate", "python"):
+        module = "-m locate" if name == "locate" else ""
+        program = bin_folder / name
+        program.write_text(f'#!/bin/sh\nexec {sys.executable} {module} "$@"\n', encoding="utf-8")
+        program.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
+    environment["PYTHONPATH"] = str(ROOT)
+    for number, block in enumerate(found):
+        work = tmp_path / str(number)
+        work.mkdir()
+        (work / "examples").symlink_to(ROOT / "examples")
+        done = subprocess.run(
+            ["/bin/bash", "-euc", block],
+            cwd=work,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, f"{block}\n{done.stdout}{done.stderr}"
+
+
+def test_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "plume_map" in (tmp_path / "site/api/locate.html").read_text(encoding="utf-8")
