@@ -28,6 +28,11 @@ class HeightDatum(StrEnum):
         return self in (HeightDatum.EGM96, HeightDatum.EGM2008, HeightDatum.MEAN_SEA_LEVEL)
 
     @property
+    def words(self) -> str:
+        """What follows "height above" in a sentence."""
+        return "a datum that is not stated" if self is HeightDatum.UNKNOWN else str(self)
+
+    @property
     def epsg_code(self) -> str | None:
         """The EPSG code of WGS84 latitude, longitude and this height; None where there is none."""
         return _CRS.get(self)

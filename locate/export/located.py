@@ -52,7 +52,7 @@ class LocatedPlume:
         """What a person wants to read beside the point."""
         east, north, up = standard_deviations(self.plume.source_covariance)
         return (
-            f"Source {self.height_m:.1f} m above {self.datum}; 1 sigma {east:.2g} m east, "
+            f"Source {self.height_m:.1f} m above {self.datum.words}; 1 sigma {east:.2g} m east, "
             f"{north:.2g} m north, {up:.2g} m up; probability {self.plume.probability:.3f}"
         )
 

@@ -43,7 +43,7 @@ def answer_rows(plume_map: PlumeMap) -> Iterator[tuple[str, list[Row]]]:
 def place_rows(place: LocatedPlume) -> Iterator[Row]:
     """(description, value, unit) of where on the Earth a source is."""
     yield "latitude, longitude (WGS84)", f"{place.lat_deg:.7f}, {place.lon_deg:.7f}", "deg"
-    yield f"height above {place.datum}", f"{place.height_m:.2f}", "m"
+    yield f"height above {place.datum.words}", f"{place.height_m:.2f}", "m"
 
 
 def plume_rows(plume: Plume, unit: str) -> Iterator[Row]:

@@ -93,7 +93,7 @@ def _spot_row(place: LocatedHotspot) -> list[str]:
     return [
         str(spot.id),
         f"{place.lat_deg:.6f}, {place.lon_deg:.6f}",
-        f"{place.height_m:.1f} m above {place.datum}",
+        f"{place.height_m:.1f} m above {place.datum.words}",
         f"{fields['sigma_east_m']:.2g} m, {fields['sigma_north_m']:.2g} m",
         f"{total.seen:.0f} of {total.looked:.0f}",
         f"{total.probability:.2f} ({total.low:.2f} to {total.high:.2f})",

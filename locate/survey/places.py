@@ -32,7 +32,7 @@ class LocatedHotspot(LocatedPlume):
             f"Seen by {total.seen:.0f} of {total.looked:.0f} flights that covered it; present with "
             f"probability {total.probability:.2f} ({total.low:.2f} to {total.high:.2f}); "
             f"1 sigma {east:.2g} m east, {north:.2g} m north; "
-            f"{self.height_m:.1f} m above {self.datum}"
+            f"{self.height_m:.1f} m above {self.datum.words}"
         )
 
     def properties(self) -> dict[str, Any]:
