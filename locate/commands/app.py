@@ -17,7 +17,7 @@ from locate.commands.detect import detect
 from locate.commands.evaluate import evaluate
 from locate.commands.pattern import pattern
 from locate.commands.robot import robot
-from locate.commands.run import demo, run
+from locate.commands.run import AGAIN, demo, run
 from locate.commands.simulate import simulate
 from locate.commands.survey import survey
 from locate.commands.train import train
@@ -28,7 +28,6 @@ Given = ParamSpec("Given")
 app = typer.Typer(
     help="3D maps of plumes and leaks from a video by a moving camera.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
@@ -49,7 +48,7 @@ COMMANDS = (
     calibrate,
 )
 for command in COMMANDS:
-    app.command()(_ending_in_one_line(command))
+    app.command(epilog=AGAIN if command is run else None)(_ending_in_one_line(command))
 
 
 @robot.callback()

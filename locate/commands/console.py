@@ -24,9 +24,5 @@ err = PlainConsole(stderr=True)
 
 Output = Annotated[Path, typer.Option("-o", "--output", help="The folder to write.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say what each stage does.")]
-Weights = Annotated[
-    Path | None,
-    typer.Option(
-        help="Network of the dybs detector, e.g. from locate adapt; else the shipped one."
-    ),
-]
+WEIGHTS = "Network of the dybs detector, e.g. from locate adapt; else the shipped one."
+Weights = Annotated[Path | None, typer.Option(help=WEIGHTS)]

@@ -5,94 +5,203 @@ from typing import Annotated
 
 import typer
 
-from locate.commands.console import Output, Verbose, Weights, err, out
+from geometry.errors import BadInputError
+from locate.commands.console import WEIGHTS, Output, Verbose, err, out
 from locate.journal.log import log_to_file
 from locate.journal.progress import progress_bars, silent
-from locate.pipeline.config import DetectorName, RunConfig
+from locate.pipeline.config import DetectorName, RunConfig, read_settings
+
+RECORDING = "Recording: locate run film.mp4 -o out --shot 2 --max-frames 60"
+CAMERA = "Camera and poses: locate run film.mp4 -o out --focal 1450"
+PLACE = "Scale and place: locate run film.mp4 -o out --telemetry flight.srt"
+BAG = "Bags: locate run robot.mcap -o out --image-topic /camera/image_raw"
+MEASUREMENT = "Measurement: locate run film.mp4 -o out --detection-frames 32"
+AGAIN = "With another setting: locate run --config out/config.yaml --seed 1 -o again"
+
+
+Force = Annotated[bool, typer.Option("--force", help="Do every stage again.")]
+
+
+def _usual(setting: str) -> str:
+    """What a setting is where nothing is given."""
+    return str(RunConfig.model_fields[setting].default)
 
 
 def run(
-    recording: Annotated[
-        Path, typer.Argument(help="A video, a folder of photos, or a bag: .mcap, .db3, .bag.")
-    ],
     output: Output,
-    detector: Annotated[
-        DetectorName, typer.Option(help="How refraction is seen; auto looks at the motion.")
-    ] = "auto",
-    weights: Weights = None,
-    poses: Annotated[
+    recording: Annotated[
         Path | None,
+        typer.Argument(
+            help="A video, a folder of photos, or a bag: .mcap, .db3, .bag.", show_default=False
+        ),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Settings as in a run's config.yaml; options given go before it."),
+    ] = None,
+    max_frames: Annotated[
+        int | None,
         typer.Option(
-            help="Known poses: list of TUM, EuRoC or KITTI, COLMAP model, transforms.json."
+            min=2,
+            help="The most frames to use.",
+            show_default=_usual("max_frames"),
+            rich_help_panel=RECORDING,
+        ),
+    ] = None,
+    max_side: Annotated[
+        int | None,
+        typer.Option(
+            min=64,
+            help="Frames whose longest side is more px are shrunk to it.",
+            show_default=_usual("max_side"),
+            rich_help_panel=RECORDING,
+        ),
+    ] = None,
+    shot: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Of a video with cuts: the shot to use; else longest.",
+            rich_help_panel=RECORDING,
+        ),
+    ] = None,
+    focal: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-6,
+            help="Focal length in px of the recording's frames.",
+            rich_help_panel=CAMERA,
         ),
     ] = None,
     camera: Annotated[
-        Path | None, typer.Option(help="A JSON file with a camera block as in trajectory.json.")
+        Path | None,
+        typer.Option(
+            help="A JSON file with a camera block as in trajectory.json.",
+            rich_help_panel=CAMERA,
+        ),
     ] = None,
-    focal: Annotated[
-        float | None, typer.Option(min=1e-6, help="Focal length in px of the recording's frames.")
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            help="Known poses: list of TUM, EuRoC or KITTI, COLMAP model, transforms.json.",
+            rich_help_panel=CAMERA,
+        ),
     ] = None,
     telemetry: Annotated[
         Path | None,
-        typer.Option(help="GPS beside the recording: SRT, GPX, CSV, autopilot log, photos."),
+        typer.Option(
+            help="GPS beside the recording: SRT, GPX, CSV, autopilot log, photos.",
+            rich_help_panel=PLACE,
+        ),
     ] = None,
     telemetry_offset: Annotated[
         float | None,
-        typer.Option(help="Time of the telemetry minus that of the video, s; else estimated."),
+        typer.Option(
+            help="Time of the telemetry minus that of the video, s; else estimated.",
+            rich_help_panel=PLACE,
+        ),
     ] = None,
     camera_height: Annotated[
         float | None,
-        typer.Option(min=1e-3, help="Height of the camera above the ground in m; sets the scale."),
+        typer.Option(
+            min=1e-3,
+            help="Height of the camera above the ground in m; sets the scale.",
+            rich_help_panel=PLACE,
+        ),
     ] = None,
     board: Annotated[
         str | None,
-        typer.Option(help="Marker board in the scene, DICTIONARY:SIZE[:COLUMNSxROWS[:GAP]], m."),
+        typer.Option(
+            help="Marker board in the scene, DICTIONARY:SIZE[:COLUMNSxROWS[:GAP]], m.",
+            rich_help_panel=PLACE,
+        ),
     ] = None,
     distance: Annotated[
         Path | None,
-        typer.Option(help="A JSON file with the distance of two clicked points, see docs."),
+        typer.Option(
+            help="A JSON file with the distance of two clicked points, see docs.",
+            rich_help_panel=PLACE,
+        ),
     ] = None,
     image_topic: Annotated[
-        str | None, typer.Option(help="Of a bag: its images, where it has several.")
+        str | None,
+        typer.Option(help="Its images, where it has several.", rich_help_panel=BAG),
     ] = None,
     pose_topic: Annotated[
-        str | None, typer.Option(help="Of a bag: odometry or a pose; else TF if it is there.")
+        str | None,
+        typer.Option(help="Odometry or a pose; else TF if it is there.", rich_help_panel=BAG),
     ] = None,
     world_frame: Annotated[
-        str | None, typer.Option(help="Of a bag's TF: the frame of the map, Z up; else map.")
+        str | None,
+        typer.Option(help="Of its TF: the frame of the map, Z up; else map.", rich_help_panel=BAG),
     ] = None,
-    shot: Annotated[
-        int | None, typer.Option(min=1, help="Of a video with cuts: the shot to use; else longest.")
+    detector: Annotated[
+        DetectorName | None,
+        typer.Option(
+            help="How refraction is seen; auto looks at the motion.",
+            show_default=_usual("detector"),
+            rich_help_panel=MEASUREMENT,
+        ),
     ] = None,
-    max_frames: Annotated[int, typer.Option(min=2, help="The most frames to use.")] = 120,
-    force: Annotated[bool, typer.Option("--force", help="Do every stage again.")] = False,
+    weights: Annotated[
+        Path | None,
+        typer.Option(help=WEIGHTS, rich_help_panel=MEASUREMENT),
+    ] = None,
+    detection_frames: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="In how many frames refraction is measured; twice takes twice as long.",
+            show_default=_usual("detection_frames"),
+            rich_help_panel=MEASUREMENT,
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Of the random choices.",
+            show_default=_usual("seed"),
+            rich_help_panel=MEASUREMENT,
+        ),
+    ] = None,
+    force: Force = False,
     verbose: Verbose = False,
 ) -> None:
     """Turn a recording into a 3D plume map."""
-    config = RunConfig(
-        recording=recording,
-        detector=detector,
-        weights=weights,
-        poses=poses,
-        camera=camera,
-        focal_px=focal,
-        telemetry=telemetry,
-        telemetry_offset_s=telemetry_offset,
-        camera_height_m=camera_height,
-        board=board,
-        distance=distance,
-        image_topic=image_topic,
-        pose_topic=pose_topic,
-        world_frame=world_frame,
-        shot=shot,
-        max_frames=max_frames,
-    )
-    _run(config, output, force=force, verbose=verbose)
+    asked = {
+        "recording": recording,
+        "detector": detector,
+        "weights": weights,
+        "poses": poses,
+        "camera": camera,
+        "focal_px": focal,
+        "telemetry": telemetry,
+        "telemetry_offset_s": telemetry_offset,
+        "camera_height_m": camera_height,
+        "board": board,
+        "distance": distance,
+        "image_topic": image_topic,
+        "pose_topic": pose_topic,
+        "world_frame": world_frame,
+        "shot": shot,
+        "max_frames": max_frames,
+        "max_side": max_side,
+        "detection_frames": detection_frames,
+        "seed": seed,
+    }
+    given = {name: value for name, value in asked.items() if value is not None}
+    settings = given if config is None else read_settings(config) | given
+    if "recording" not in settings:
+        raise BadInputError(
+            "no recording; name a video, a folder of photos or a bag, or give --config FILE"
+        )
+    _run(RunConfig.of(settings), output, force=force, verbose=verbose)
 
 
 def demo(
     output: Output = Path("out/demo"),
-    force: Annotated[bool, typer.Option("--force", help="Do every stage again.")] = False,
+    force: Force = False,
     verbose: Verbose = False,
 ) -> None:
     """Run on the bundled sample: a simulated hot leak on a pipe rack, seen from an orbit."""

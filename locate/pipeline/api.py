@@ -3,9 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from geometry.errors import BadInputError, first_complaint
 from locate.journal.log import log_to_file
 from locate.journal.progress import Report, silent
 from locate.map.plume import PlumeMap
@@ -29,7 +26,7 @@ def run(
         output: The run folder, made where it is missing.
         force: Do every stage again.
         report: Called with the name of a stage and the share of it that is done, from 0 to 1.
-        settings: Attributes of `RunConfig`, where `recording` is a path.
+        settings: Attributes of `RunConfig`; they go before those of `recording`.
 
     Returns:
         The map, as it is in ``output/map.json``.
@@ -44,14 +41,8 @@ def run(
         >>> plume_map.units
         'scene'
     """
-    if isinstance(recording, RunConfig):
-        config = recording.model_copy(update=settings)
-    else:
-        try:
-            config = RunConfig(recording=Path(recording), **settings)
-        except ValidationError as error:
-            where, what = first_complaint(error)
-            raise BadInputError(f"setting {where}: {what}") from error
+    given = dict(recording) if isinstance(recording, RunConfig) else {"recording": recording}
+    config = RunConfig.of({**given, **settings})
     job = Run(config, Path(output), force=force, report=report)
     with log_to_file(RunFiles(Path(output)).log):
         return job.run()

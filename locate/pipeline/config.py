@@ -1,12 +1,20 @@
 """The settings of a run."""
 
+from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from geometry.errors import BadInputError, first_complaint
 from geometry.printable import printable
+from geometry.yaml_text import parse_yaml
 
+SCHEMA = "locate.run/1"
+BESIDE = ("schema", "version")
+"""What config.yaml holds besides settings."""
 DetectorName = Literal["auto", "registered", "registered-plain", "bos", "dybs"]
 
 
@@ -35,7 +43,7 @@ class RunConfig(BaseModel):
         max_frames: The most frames that are used.
         max_side: Frames larger than this (px) are shrunk to it.
         detection_frames: In how many of them refraction is measured.
-        seed: Of every random choice.
+        seed: Of the random choices after structure from motion, whose own is fixed.
 
     Example:
         >>> import locate
@@ -64,7 +72,31 @@ class RunConfig(BaseModel):
     max_frames: int = Field(default=120, ge=2)
     max_side: int = Field(default=1280, ge=64)
     detection_frames: int = Field(default=16, ge=1)
-    seed: int = 0
+    seed: int = Field(default=0, ge=0)
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any], *, where: str = "") -> Self:
+        """The configuration with these settings.
+
+        Args:
+            settings: Attributes by name; those left out are as usual.
+            where: Said before a complaint, as the file that the settings are from.
+
+        Raises:
+            BadInputError: A setting is unknown, missing or out of range; it is named.
+        """
+        for name in settings:
+            if name not in cls.model_fields:
+                near = get_close_matches(str(name), cls.model_fields, n=1)
+                advice = (
+                    f"did you mean {near[0]}" if near else "they are " + ", ".join(cls.model_fields)
+                )
+                raise BadInputError(f"{where}no setting is called {name}; {advice}")
+        try:
+            return cls.model_validate(dict(settings))
+        except ValidationError as error:
+            name, what = first_complaint(error)
+            raise BadInputError(f"{where}setting {name}: {what}") from error
 
     def to_plain(self) -> dict[str, Any]:
         """The settings as JSON and YAML know them."""
@@ -73,3 +105,26 @@ class RunConfig(BaseModel):
             name: printable(value) if isinstance(value, str) else value
             for name, value in plain.items()
         }
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """The settings that a file states, in the form of a run's config.yaml.
+
+    They are checked but for being complete: the recording and any other may be left out.
+
+    Raises:
+        BadInputError: It cannot be read, or states what is no setting or out of range.
+    """
+    try:
+        content = parse_yaml(path.read_bytes())
+    except (OSError, yaml.YAMLError) as error:
+        what = " ".join(str(getattr(error, "strerror", None) or error).split())
+        raise BadInputError(f"{path}: not a readable run configuration ({what})") from error
+    if not isinstance(content, dict):
+        raise BadInputError(f"{path}: no settings; write lines such as `max_frames: 60`")
+    schema = content.get("schema", SCHEMA)
+    if schema != SCHEMA:
+        raise BadInputError(f"{path}: written as {schema}, this program reads {SCHEMA}")
+    settings = {name: value for name, value in content.items() if name not in BESIDE}
+    RunConfig.of({"recording": path, **settings}, where=f"{path}: ")
+    return settings

@@ -19,11 +19,11 @@ from geometry.removal import path_inside, remove_inside
 from geometry.yaml_text import parse_yaml
 from locate import __version__
 from locate.journal.costs import StageTime, cpu_seconds
+from locate.pipeline.config import SCHEMA
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import digest, fingerprint_code
 from locate.pipeline.stamp import OWN_FILES, PUBLISHING, Stamp, digest_outputs
 
-SCHEMA = "locate.run/1"
 PARTIAL, STAMPS = ".partial", ".stages"
 """Where stages build their files, and where it is remembered that they are done."""
 HIDDEN = (PARTIAL, STAMPS)

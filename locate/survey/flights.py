@@ -3,19 +3,15 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
-from pydantic import ValidationError
 
-from geometry.errors import BadInputError, InterruptedRunError, LocateError, first_complaint
+from geometry.errors import BadInputError, InterruptedRunError, LocateError
 from geometry.georeference import Georeference
 from geometry.trajectory import Trajectory
-from geometry.yaml_text import parse_yaml
 from locate.journal.log import log_to_file
 from locate.map.plume import PlumeMap
-from locate.pipeline.config import RunConfig
+from locate.pipeline.config import RunConfig, read_settings
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import digest, fingerprint_path
 from locate.pipeline.source import telemetry_of
@@ -156,13 +152,5 @@ def read_flight(requested: RequestedFlight, made_from: str) -> Flight:
 def read_config(folder: Path) -> RunConfig | None:
     """The configuration of a run; None where its recording is gone."""
     path = RunFiles(folder).config
-    try:
-        content: dict[str, Any] = parse_yaml(path.read_text())
-        known = {name: content[name] for name in RunConfig.model_fields if name in content}
-        config = RunConfig(**known)
-    except ValidationError as error:
-        where, what = first_complaint(error)
-        raise BadInputError(f"{path}: {where}: {what}") from error
-    except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
-        raise BadInputError(f"{path}: not a readable run configuration ({error})") from error
+    config = RunConfig.of(read_settings(path), where=f"{path}: ")
     return config if config.recording.exists() else None

@@ -78,7 +78,7 @@ def test_paths_may_be_text_and_a_map_is_read_from_its_folder(finished: Path) -> 
 
 
 def test_a_setting_that_is_not_known_is_named(finished: Path) -> None:
-    with pytest.raises(BadInputError, match="setting focal: Extra inputs"):
+    with pytest.raises(BadInputError, match="no setting is called focal; did you mean focal_px"):
         locate.run(finished / "video.mkv", finished / "out", focal=3.0)
 
 
