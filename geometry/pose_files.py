@@ -181,15 +181,14 @@ def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
     check_colmap_files(folder)
     try:
         model = pycolmap.Reconstruction(folder)
-    except (ValueError, RuntimeError, IndexError, MemoryError) as error:
-        raise BadInputError(f"{folder}: not a readable COLMAP model") from error
-    images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda image: image.name)
-    poses = [image.cam_from_world() for image in images]
-    try:
+        images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda one: one.name)
+        poses = [image.cam_from_world() for image in images]
         used = sorted({image.camera_id for image in images})
         own = camera or merge_cameras(Camera.from_colmap(model.camera(i)) for i in used)
     except BadInputError as error:
         raise BadInputError(f"{folder}: {error}") from error
+    except (ValueError, RuntimeError, LookupError, MemoryError) as error:
+        raise BadInputError(f"{folder}: not a whole COLMAP model; export it again") from error
     rotations = np.array([pose.rotation.matrix() for pose in poses]).reshape(-1, 3, 3)
     translations = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     names = tuple(image.name for image in images)

@@ -5,10 +5,15 @@ from pathlib import Path
 
 from geometry.errors import BadInputError
 
+LONGEST_NAME = 255
+"""Bytes, of Linux's file systems."""
+
 
 def is_plain_name(name: object) -> bool:
     """Whether a name that was read from a file names one thing directly below a folder."""
-    return isinstance(name, str) and name not in ("", ".", "..") and not {"/", "\0"} & set(name)
+    if not isinstance(name, str) or name in ("", ".", "..") or {"/", "\0"} & set(name):
+        return False
+    return len(name.encode(errors="surrogatepass")) <= LONGEST_NAME
 
 
 def path_inside(folder: Path, name: str) -> Path:

@@ -14,7 +14,7 @@ from geometry import MOST_PIXELS
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from geometry.stretch import GREYS, Stretch
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 
 KEPT_STEP = 4
 """Of an image that set the scale of a live stream, one pixel of so many a side is kept."""

@@ -12,8 +12,8 @@ from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.trajectory import FARTHEST, MOST_VARIANCE, Trajectory
+from locate.messages.stamps import NS_PER_S, StampGate
 
-NS_PER_S = 1_000_000_000
 RIGID_TOLERANCE = 1e-3
 """Largest error of an entry of R^T R that float32 messages and rounded files need (chosen)."""
 MOST_POSES = 30_000
@@ -72,6 +72,8 @@ class StampedPose:
 class PoseBuffer:
     """The poses of the last moments, sorted by stamp, interpolated on demand.
 
+    One wrong stamp is left out; where the clock went back, the poses before are forgotten.
+
     Args:
         kept_ns: Poses older than the newest by more than this are forgotten.
         max_gap_ns: Across a longer gap nothing is interpolated.
@@ -89,12 +91,35 @@ class PoseBuffer:
         self._most = most
         self._kept_ns = kept_ns
         self._max_gap_ns = max_gap_ns
+        self._gate: StampGate[StampedPose] = StampGate()
+
+    @property
+    def left_out(self) -> int:
+        """How many poses had a wrong stamp."""
+        return self._gate.left_out
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The latest stamp, None before the first."""
+        return self._gate.newest_ns
 
     def __len__(self) -> int:
         return len(self._poses)
 
-    def add(self, pose: StampedPose) -> None:
-        """Takes a pose; one of the same stamp is replaced."""
+    def add(self, pose: StampedPose) -> bool:
+        """Takes a pose; one of the same stamp is replaced.
+
+        Returns:
+            Whether the clock went back.
+        """
+        admitted = self._gate.admit(pose.stamp_ns, pose)
+        if admitted.went_back:
+            self._poses.clear()
+        for one in admitted.messages:
+            self._insert(one)
+        return admitted.went_back
+
+    def _insert(self, pose: StampedPose) -> None:
         place = bisect_left(self._poses, pose.stamp_ns, key=_stamp)
         if place < len(self._poses) and self._poses[place].stamp_ns == pose.stamp_ns:
             self._poses[place] = pose
@@ -123,10 +148,6 @@ class PoseBuffer:
         if gap_ns > self._max_gap_ns:
             return None
         return _interpolate(before, after, (stamp_ns - before.stamp_ns) / gap_ns, stamp_ns)
-
-    def clear(self) -> None:
-        """Forgets every pose."""
-        self._poses.clear()
 
 
 def _interpolate(

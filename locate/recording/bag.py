@@ -11,7 +11,8 @@ from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.camera_info import camera_from_info, is_calibrated
-from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose, trajectory_from_poses
+from locate.messages.poses import PoseBuffer, StampedPose, trajectory_from_poses
+from locate.messages.stamps import NS_PER_S
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
 from locate.recording.bag_images import BagImages

@@ -15,7 +15,7 @@ from geometry.errors import BadInputError
 from geometry.stretch import Stretch
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.codec import GreyReader, read_samples, read_stamp_ns
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 from locate.recording.depth import SAMPLED
 from locate.recording.video import NamedImage
 

@@ -9,13 +9,12 @@ from detect.warp import sample
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose
+from locate.messages.poses import PoseBuffer, StampedPose
+from locate.messages.stamps import NS_PER_S, StampGate
 from locate.recording.images import distortion_map
 from locate.robot.settings import LocatorSettings
 from locate.robot.window import FrameWindow, WindowFrame
 
-REWIND_NS = 10 * NS_PER_S
-"""A stamp that is older than the newest by more than this is of a clock that went back (chosen)."""
 LEAST_JUMP_M = 0.5
 """Shorter steps between two poses are never a jump, however little time is between (chosen)."""
 
@@ -29,6 +28,7 @@ class LocatorCounts:
         poses: Fed.
         passed_over: Images too near to the last key frame to add anything.
         unposed: Images whose pose did not come in time.
+        misdated: Images and poses that were left out: their stamp is far from those around it.
         key_frames: Images kept.
         looked_at: Key frames that the detector has processed.
         dropped: Key frames that it had no time for.
@@ -40,6 +40,7 @@ class LocatorCounts:
     poses: int = 0
     passed_over: int = 0
     unposed: int = 0
+    misdated: int = 0
     key_frames: int = 0
     looked_at: int = 0
     dropped: int = 0
@@ -90,7 +91,7 @@ class KeyFrameSelector:
         self.inverse_depth = 1 / settings.expected_range_m
         self._poses = PoseBuffer(max_gap_ns=round(settings.max_pose_gap_s * NS_PER_S))
         self._images: dict[int, GreyImage] = {}
-        self._newest_ns: int | None = None
+        self._gate: StampGate[tuple[int, GreyImage]] = StampGate()
         self._number = 0
         self.set_camera(camera)
 
@@ -119,21 +120,19 @@ class KeyFrameSelector:
             )
 
     def add_pose(self, pose: StampedPose) -> None:
-        """Takes a pose."""
+        """Takes a pose; where its clock went back (a replay), a new window begins."""
         self.counts.poses += 1
-        self._move_clock(pose.stamp_ns)
-        self._poses.add(pose)
+        if self._poses.add(pose):
+            self._restart_after_jump()
         self._match_poses()
 
     def add_image(self, image: GreyImage, stamp_ns: int) -> None:
         """Takes an image; it waits for its pose if need be."""
         self.counts.images += 1
-        self._move_clock(stamp_ns)
-        pose = self._poses.interpolate_at(stamp_ns)
-        if pose is None:
-            self._images[stamp_ns] = image.copy()
-        else:
-            self._select_image(image, pose)
+        admitted = self._gate.admit(stamp_ns, (stamp_ns, image.copy()))
+        if admitted.went_back:
+            self._images.clear()
+        self._images.update(admitted.messages)
         self._match_poses()
 
     def _begin_window(self) -> None:
@@ -146,22 +145,15 @@ class KeyFrameSelector:
         self._last_pose: StampedPose | None = None
         self._last_key: StampedPose | None = None
 
-    def _move_clock(self, stamp_ns: int) -> None:
-        """Keeps the newest stamp; a clock that went back (a replay) starts a new window."""
-        if self._newest_ns is not None and stamp_ns < self._newest_ns - REWIND_NS:
-            self._newest_ns = None
-            self._poses.clear()
-            self._images.clear()
-            self._restart_after_jump()
-        self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
-
     def _restart_after_jump(self) -> None:
         self.counts.jumps += 1
         self._begin_window()
 
     def _match_poses(self) -> None:
         """Joins waiting images with their poses, and drops those that waited too long."""
-        oldest_ns = (self._newest_ns or 0) - round(self._settings.patience_s * NS_PER_S)
+        self.counts.misdated = self._poses.left_out + self._gate.left_out
+        newest_ns = max(self._poses.newest_ns or 0, self._gate.newest_ns or 0)
+        oldest_ns = newest_ns - round(self._settings.patience_s * NS_PER_S)
         surplus = len(self._images) - self._settings.images_kept
         for place, stamp_ns in enumerate(sorted(self._images)):
             pose = self._poses.interpolate_at(stamp_ns)

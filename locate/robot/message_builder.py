@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from locate.map.plume import Plume
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 from locate.robot.plume_tracks import PlumeUpdate, TrackState
 
 MARKED_SIGMAS = 2.0

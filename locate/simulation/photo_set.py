@@ -13,6 +13,7 @@ from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.image_files import read_image
+from geometry.named_paths import is_there
 from geometry.named_poses import resize_camera
 from geometry.pose_files import read_named_poses
 from geometry.similarity import Similarity
@@ -106,14 +107,14 @@ def _read_poses(folder: Path) -> PosedNames:
 def _read_transforms(path: Path) -> PosedNames:
     """Leaves out the poses without a photo, as such files list frames that were dropped."""
     named = read_named_poses(path)
-    rows = [i for i, name in enumerate(named.names) if (path.parent / name).is_file()]
+    rows = [i for i, name in enumerate(named.names) if is_there(path.parent / name)]
     names = tuple(named.names[i] for i in rows)
     return names, named.trajectory.take(rows), np.empty((0, 3))
 
 
 def _find_photo(folder: Path, name: str) -> Path:
     for place in IMAGE_FOLDERS:
-        if (path := folder / place / name).is_file():
+        if is_there(path := folder / place / name):
             return path
     raise BadInputError(f"{folder}: photo {name} is missing (not in {', '.join(IMAGE_FOLDERS)})")
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from geometry.errors import BadInputError, InterruptedRunError, LocateError
 from geometry.georeference import Georeference
+from geometry.named_paths import is_there
 from geometry.trajectory import Trajectory
 from locate.journal.log import log_to_file
 from locate.map.plume import PlumeMap
@@ -153,4 +154,4 @@ def read_config(folder: Path) -> RunConfig | None:
     """The configuration of a run; None where its recording is gone."""
     path = RunFiles(folder).config
     config = RunConfig.of(read_settings(path), where=f"{path}: ")
-    return config if config.recording.exists() else None
+    return config if is_there(config.recording) else None

@@ -11,20 +11,24 @@ from xml.etree import ElementTree
 
 import av
 import numpy as np
+import pycolmap
 import pytest
+import yaml
 
 from detect.detection import Detection
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
 from geometry.npz import read_npz, save_arrays
-from geometry.pose_files import read_poses, write_transforms_json
+from geometry.pose_files import read_poses, write_colmap_model, write_transforms_json
 from geometry.printable import printable, printable_lines
+from geometry.removal import is_plain_name
 from locate.commands.console import PlainConsole
 from locate.export.kml import write_kml
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points
 from locate.recording.index import KeyFrames
 from locate.recording.recording import open_recording
+from locate.simulation.photo_set import PhotoSet
 from locate.survey.flights import read_config
 from tests.fuzz.bounds import read_bounded
 from tests.locate.answers import orbit
@@ -112,6 +116,17 @@ def test_a_damaged_run_configuration_is_refused_in_one_line(tmp_path: Path, text
     assert len(str(refused.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b"])
+def test_names_that_no_file_system_takes_are_of_no_file(tmp_path: Path, name: str) -> None:
+    settings = {"recording": name, "max_frames": 5}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(settings))
+    assert read_config(tmp_path) is None
+    write_transforms_json(orbit(2), tmp_path / "transforms.json", [name, name])
+    with pytest.raises(BadInputError, match="name no photo"):
+        PhotoSet.load(tmp_path)
+    assert not is_plain_name(name)
+
+
 @pytest.mark.parametrize(
     "changed",
     [{"width": None}, {"height": 0}, {"frames": [{"index": 0.5}]}, {"focal_prior_px": "nan"}, {}],
@@ -133,6 +148,25 @@ def test_rotations_whose_squares_overflow_are_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps(content))
     with pytest.raises(BadInputError, match="skewed or scaled"):
         read_poses(path)
+
+
+@pytest.mark.parametrize("damage", ["name", "missing"])
+def test_a_colmap_model_that_breaks_after_it_was_read_is_refused(
+    tmp_path: Path, damage: str
+) -> None:
+    write_colmap_model(orbit(3), np.eye(3), tmp_path)
+    path = tmp_path / "images.bin"
+    if damage == "name":
+        path.write_bytes(path.read_bytes().replace(b"000002.png", b"\xff\xfe0002.png"))
+    else:
+        pycolmap.Reconstruction(tmp_path).write_text(tmp_path)
+        for binary in tmp_path.glob("*.bin"):
+            binary.unlink()
+        images = tmp_path / "images.txt"
+        kept = [line for line in images.read_text().splitlines() if "000002.png" not in line]
+        images.write_text("\n".join(kept) + "\n")
+    with pytest.raises(BadInputError, match="not a whole COLMAP model"):
+        read_poses(tmp_path)
 
 
 def png(side: int) -> bytes:

@@ -8,7 +8,7 @@ import numpy as np
 from detect.detection import Detection, Frames
 from geometry.arrays import FloatArray, GreyImage
 from locate.fusion.views import Views
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 
 BLANK = np.zeros((240, 320), np.uint8)
 

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg
 
 from geometry.errors import BadInputError
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 from locate.recording.bag import BagRecording
 from tests.robot.test_bag_playing import MessageRecorder
 

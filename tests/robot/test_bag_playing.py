@@ -16,7 +16,7 @@ from geometry.errors import BadInputError
 from locate.fusion.views import Views
 from locate.map.plume import PlumeMap
 from locate.messages.bags import TopicChoice, is_bag
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 from locate.messages.wiring import Wiring
 from locate.robot import LocatorSettings
 from locate.robot.bag_playing import locate_in_bag

@@ -20,7 +20,7 @@ from geometry.trajectory import Trajectory
 from locate.map.plume import PlumeMap
 from locate.messages.bags import TopicChoice
 from locate.messages.codec import read_stamp_ns
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 from locate.pipeline.config import RunConfig
 from locate.pipeline.poses import frames_with_poses
 from locate.pipeline.publish import _write_bag

@@ -7,7 +7,8 @@ from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.messages.poses import NS_PER_S, StampedPose
+from locate.messages.poses import StampedPose
+from locate.messages.stamps import NS_PER_S
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from tests.simulated_evidence import ColumnTruth

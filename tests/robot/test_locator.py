@@ -11,7 +11,8 @@ from geometry.errors import BadInputError
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
-from locate.messages.poses import NS_PER_S, UNKNOWN_COVARIANCE, StampedPose
+from locate.messages.poses import UNKNOWN_COVARIANCE, StampedPose
+from locate.messages.stamps import NS_PER_S
 from locate.robot import Locator, LocatorSettings, PlumeUpdate, TrackState
 from locate.robot.engine import PlumeEngine
 from locate.robot.search import LocalPlumeSearch

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 from locate.messages.transforms import ros_covariance
 from locate.messages.wiring import Wiring
 from locate.robot import LocatorSettings

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from locate.map.plume import Plume
-from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose
+from locate.messages.poses import PoseBuffer, StampedPose
+from locate.messages.stamps import NS_PER_S
 from locate.robot.drift import LEAST_OWN_SHARE, SharedError
 from locate.robot.plume_tracks import (
     MOST_TRACKS,
@@ -175,4 +176,5 @@ def test_buffer_forgets_and_never_extrapolates() -> None:
     assert buffer.interpolate_at(8 * NS_PER_S) is None
     assert buffer.interpolate_at(NS_PER_S // 2) is None
     buffer.add(pose(30.0, zero, 30 * NS_PER_S))
-    assert len(buffer) == 1
+    buffer.add(pose(31.0, zero, 31 * NS_PER_S))
+    assert len(buffer) == 2

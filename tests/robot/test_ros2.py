@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from locate.fusion.views import Views
-from locate.messages.poses import NS_PER_S
+from locate.messages.stamps import NS_PER_S
 from locate.messages.transforms import ros_covariance
 from tests.robot.drive import Moment, Oracle, moments
 from tests.simulated_evidence import ColumnTruth

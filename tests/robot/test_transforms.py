@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.errors import BadInputError
-from locate.messages.poses import NS_PER_S, PoseBuffer, StampedPose
+from locate.messages.poses import PoseBuffer, StampedPose
+from locate.messages.stamps import NS_PER_S
 from locate.messages.transforms import (
     TransformTree,
     camera_covariance,
