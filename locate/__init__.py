@@ -17,6 +17,7 @@ import geometry  # noqa: F401 - it limits OpenCV, which must come later
 if TYPE_CHECKING:
     from geometry.errors import LocateError
     from locate.evaluation.api import evaluate
+    from locate.map.answer import Answer, Obstacle
     from locate.map.plume import Bearing, Plume, PlumeMap
     from locate.pipeline.api import load_map, run
     from locate.pipeline.config import RunConfig
@@ -25,9 +26,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Answer",
     "Bearing",
     "LocateError",
     "Locator",
+    "Obstacle",
     "Plume",
     "PlumeMap",
     "RunConfig",
@@ -37,9 +40,11 @@ __all__ = [
 ]
 
 _MODULES = {
+    "Answer": "locate.map.answer",
     "Bearing": "locate.map.plume",
     "LocateError": "geometry.errors",
     "Locator": "locate.robot.locator",
+    "Obstacle": "locate.map.answer",
     "Plume": "locate.map.plume",
     "PlumeMap": "locate.map.plume",
     "RunConfig": "locate.pipeline.config",

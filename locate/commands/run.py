@@ -1,5 +1,6 @@
 """`locate run` and `locate demo`."""
 
+from logging import INFO, WARNING
 from pathlib import Path
 from typing import Annotated
 
@@ -211,17 +212,19 @@ def demo(
 
 
 def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None:
-    from locate.export.table import map_table
+    from locate.export.table import advice_lines, map_table
     from locate.pipeline.files import RunFiles
     from locate.pipeline.run import Run
 
     files = RunFiles(output)
     with progress_bars(err) as report:
         job = Run(config, output, force=force, report=silent if verbose else report)
-        with log_to_file(files.log, console=err if verbose else None):
+        with log_to_file(files.log, console=err, shown=INFO if verbose else WARNING):
             plume_map = job.run()
     found = plume_map.plumes or plume_map.bearings
     out.print(map_table(plume_map) if found else plume_map.limit_text())
+    for line in advice_lines(plume_map):
+        out.print(line)
     for note in plume_map.notes:
         out.print(f"- {note}")
     out.print(f"\nReport: {files.report}", soft_wrap=True)

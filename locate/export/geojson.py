@@ -19,7 +19,7 @@ def write_geojson(path: Path, plume_map: PlumeMap) -> None:
 
 
 def feature_collection(plume_map: PlumeMap) -> dict[str, Any]:
-    """The FeatureCollection of a georeferenced map.
+    """The FeatureCollection of a georeferenced map, with its answer as members of their own.
 
     Positions are [lon, lat]. A third number of a position means a height above the WGS84 ellipsoid
     there (RFC 7946, section 4), so it is written only where that is known; the property
@@ -28,7 +28,11 @@ def feature_collection(plume_map: PlumeMap) -> dict[str, Any]:
     Raises:
         ValueError: The map is not georeferenced.
     """
-    return collection_of(plumes_on_earth(plume_map))
+    return {
+        **collection_of(plumes_on_earth(plume_map)),
+        "answer": str(plume_map.answer),
+        "description": plume_map.limit_text(),
+    }
 
 
 def collection_of(places: Sequence[LocatedPlume]) -> dict[str, Any]:

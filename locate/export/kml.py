@@ -1,10 +1,12 @@
 """The sources for Google Earth and its kin: KML, OGC 07-147r2 (version 2.2)."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
 from geometry.printable import printable_lines
 from locate.export.located import LocatedPlume, plumes_on_earth
+from locate.export.table import advice_lines
 from locate.map.plume import PlumeMap
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
@@ -22,13 +24,19 @@ def write_kml(path: Path, plume_map: PlumeMap) -> None:
     kml = ElementTree.Element("kml", xmlns=NAMESPACE)
     document = ElementTree.SubElement(kml, "Document")
     _add_element(document, "name", "Plumes")
-    _add_element(document, "description", "\n".join([plume_map.limit_text(), *plume_map.notes]))
+    _add_element(document, "description", "\n".join(_answer_lines(plume_map)))
     _add_style(document)
     for one in plumes_on_earth(plume_map):
         _add_source(document, one)
         _add_ellipse(document, one)
     ElementTree.indent(kml)
     ElementTree.ElementTree(kml).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _answer_lines(plume_map: PlumeMap) -> Iterator[str]:
+    yield plume_map.limit_text()
+    yield from advice_lines(plume_map)
+    yield from plume_map.notes
 
 
 def _add_element(parent: ElementTree.Element, tag: str, text: str = "") -> ElementTree.Element:

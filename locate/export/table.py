@@ -28,6 +28,13 @@ def map_table(plume_map: PlumeMap) -> Table:
     return table
 
 
+def advice_lines(plume_map: PlumeMap) -> Iterator[str]:
+    """Why nothing could be judged, and what to film instead; nothing where something was."""
+    for obstacle in plume_map.obstacles:
+        yield f"- {obstacle.why}"
+        yield f"  Instead: {obstacle.remedy[0].lower()}{obstacle.remedy[1:]}"
+
+
 def answer_rows(plume_map: PlumeMap) -> Iterator[tuple[str, list[Row]]]:
     """Everything that was found, by its name ("Plume 1", "Bearing 2"), and its quantities."""
     places = (

@@ -96,11 +96,18 @@ def _random_columns(views: Views, rng: np.random.Generator) -> Columns:
 
 def expected_llr(views: Views, amplitude_px: float, response: Response | None = None) -> FloatMap:
     """(V, H, W) evidence a displacement would give where anything was measured at all."""
-    measured = np.isfinite(views.sigma_px) & (views.llr != 0)
-    sigma = np.where(measured, views.sigma_px, 1.0).astype(np.float32)
+    return expected_evidence(views.llr, views.sigma_px, amplitude_px, response)
+
+
+def expected_evidence(
+    llr: FloatMap, sigma_px: FloatMap, amplitude_px: float, response: Response | None = None
+) -> FloatMap:
+    """Likewise for (V, H, W) evidence and sigma."""
+    measured = np.isfinite(sigma_px) & (llr != 0)
+    sigma = np.where(measured, sigma_px, 1.0).astype(np.float32)
     size = np.full_like(sigma, amplitude_px)
     if response is None:
-        llr = np.clip(log_likelihood_ratio(size, sigma), LLR_MIN, LLR_MAX)
+        expected = np.clip(log_likelihood_ratio(size, sigma), LLR_MIN, LLR_MAX)
     else:
-        llr = response(size, sigma)
-    return np.where(measured, llr, 0).astype(np.float32)
+        expected = response(size, sigma)
+    return np.where(measured, expected, 0).astype(np.float32)

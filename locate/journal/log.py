@@ -44,12 +44,22 @@ class AppendedLines(logging.Handler):
 
 
 @contextmanager
-def log_to_file(path: Path, *, console: Console | None = None) -> Iterator[None]:
-    """Appends what happens inside to log.jsonl, and to the console where one is given."""
+def log_to_file(
+    path: Path, *, console: Console | None = None, shown: int = logging.INFO
+) -> Iterator[None]:
+    """Appends what happens inside to log.jsonl, and to the console where one is given.
+
+    Args:
+        path: The file.
+        console: Shows it to people too; errors end a command, which prints them itself.
+        shown: The least level that the console shows.
+    """
     log = logging.getLogger("locate")
     handlers: list[logging.Handler] = [AppendedLines(path)]
     if console is not None:
-        handlers.append(RichHandler(console=console, show_path=False))
+        people = RichHandler(level=shown, console=console, show_path=False)
+        people.addFilter(lambda record: record.levelno < logging.ERROR)
+        handlers.append(people)
     before = log.level
     log.setLevel(logging.INFO)
     for handler in handlers:

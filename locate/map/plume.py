@@ -13,6 +13,7 @@ from geometry.covariance import principal_sigmas
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
 from geometry.plain import to_plain_values
+from locate.map.answer import Answer, Obstacle
 from locate.map.schema import SCHEMA, RefractiveIndex, checked_fields
 
 
@@ -122,6 +123,7 @@ class PlumeMap:
         detection_limit_px: Mean displacement of the weakest plume that would have been found in
             half of the places observed; None where none would, or it was not computed.
         detection_limit_k: The same as a temperature difference, K; only in a metric map.
+        obstacles: What kept the run from judging, where it could judge nothing.
         notes: What a reader must know, one sentence each.
         detector: Name of the detector.
         version: Version of this program.
@@ -144,6 +146,7 @@ class PlumeMap:
     haze: Haze | None = None
     detection_limit_px: float | None = None
     detection_limit_k: float | None = None
+    obstacles: tuple[Obstacle, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -151,20 +154,40 @@ class PlumeMap:
         """The unit as printed behind a number."""
         return "m" if self.units == "m" else "scene units"
 
+    @property
+    def answer(self) -> Answer:
+        """Whether there are plumes, none, or nothing could be judged."""
+        if self.plumes or self.bearings:
+            return Answer.FOUND
+        judged = self.detection_limit_px is not None
+        return Answer.NONE_FOUND if judged else Answer.NOT_JUDGED
+
     def limit_text(self) -> str:
-        """What was found, and the weakest plume that would have been, as one sentence."""
+        """What was found, and the weakest plume that would have been; or why none would."""
         if self.bearings:
             count = len(self.bearings)
             return "One direction found." if count == 1 else f"{count} directions found."
-        found = {0: "None found", 1: "One found"}.get(len(self.plumes), f"{len(self.plumes)} found")
+        if self.answer is Answer.NOT_JUDGED:
+            why = self.obstacles[0].why if self.obstacles else "Why is not known."
+            return f"Nothing could be judged. {why} {self.haze_text()}".rstrip()
         if self.haze is not None:
-            return self.haze_text()
+            return f"{self.haze_text()} {self._weakest_text('A plume')}"
+        found = {0: "None found", 1: "One found"}.get(len(self.plumes), f"{len(self.plumes)} found")
+        weakest = self._weakest_text("a plume")
+        return f"{found}; {weakest or 'the weakest plume that would have been seen is not known.'}"
+
+    def obstacles_text(self) -> str:
+        """Why nothing could be judged, all of it; empty where something was."""
+        return " ".join(obstacle.why for obstacle in self.obstacles)
+
+    def _weakest_text(self, subject: str) -> str:
+        """Which plume would have been seen; empty where that is not known."""
         if self.detection_limit_px is None:
-            return f"{found}; the weakest plume that would have been seen is not known."
+            return ""
         kelvin = self.detection_limit_k
         heat = "" if kelvin is None else f", about {kelvin:.2g} K warmer than the air,"
         size = f"{self.detection_limit_px:.2g} px"
-        return f"{found}; a plume of {size}{heat} would have been seen in half of the places."
+        return f"{subject} of {size}{heat} would have been seen in half of the places."
 
     def haze_text(self) -> str:
         """How strong the haze is and where, as one sentence; empty where there is none."""
@@ -177,12 +200,12 @@ class PlumeMap:
         return f"Haze: the air moves all over the image, {size}; no single plume stands out of it."
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of map.json, schema ``locate.map/1``."""
-        return {"schema": SCHEMA, **to_plain_values(asdict(self))}
+        """The content of map.json, schema ``locate.map/2``."""
+        return {"schema": SCHEMA, "answer": str(self.answer), **to_plain_values(asdict(self))}
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        """Reads the content of map.json.
+        """Reads the content of map.json, also as earlier versions wrote it.
 
         Raises:
             BadInputError: Another schema, a missing key, or a value of the wrong kind.
@@ -190,12 +213,13 @@ class PlumeMap:
         fields = checked_fields(content)
         plumes = tuple(Plume(**plume) for plume in fields.pop("plumes"))
         bearings = tuple(Bearing(**bearing) for bearing in fields.pop("bearings"))
-        haze = fields.pop("haze")
+        haze, obstacles = fields.pop("haze"), fields.pop("obstacles")
         return cls(
             **fields,
             plumes=plumes,
             bearings=bearings,
             haze=None if haze is None else Haze(**haze),
+            obstacles=tuple(Obstacle(**obstacle) for obstacle in obstacles),
         )
 
     def save(self, path: str | Path) -> None:

@@ -1,4 +1,4 @@
-"""What map.json must hold, schema ``locate.map/1``."""
+"""What map.json must hold, schema ``locate.map/2``."""
 
 from typing import Annotated, Any, Literal
 
@@ -7,8 +7,11 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import HeightDatum
+from locate.map.answer import Cause
 
-SCHEMA = "locate.map/1"
+SCHEMA = "locate.map/2"
+EARLIER = ("locate.map/1",)
+"""Read as well: the same without `answer` and `obstacles`."""
 
 RefractiveIndex = Literal["lower", "higher"]
 
@@ -44,6 +47,12 @@ class _BearingFile(BaseModel):
 class _HazeFile(BaseModel):
     rms_px: float = Field(gt=0, allow_inf_nan=False)
     cells_px: tuple[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)] | None, ...], ...]
+
+
+class _ObstacleFile(BaseModel):
+    cause: Cause
+    why: str
+    remedy: str
 
 
 class _TransformFile(BaseModel):
@@ -86,6 +95,7 @@ class _MapFile(BaseModel):
     haze: _HazeFile | None = None
     detection_limit_px: FiniteFloat | None
     detection_limit_k: FiniteFloat | None = None
+    obstacles: tuple[_ObstacleFile, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -105,7 +115,7 @@ def checked_fields(content: Any) -> dict[str, Any]:
         BadInputError: Another schema, a missing key, or a value of the wrong kind.
     """
     schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != SCHEMA:
+    if schema not in (SCHEMA, *EARLIER):
         raise BadInputError(f"schema is {schema!r}, expected {SCHEMA!r}: make the map again")
     try:
         checked = _MapFile.model_validate(content)

@@ -9,6 +9,7 @@ import numpy as np
 from detect.detection import Detection
 from detect.haze import measure_haze
 from detect.registry import DetectorChoice
+from detect.response import Response
 from geometry.printable import printable
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
@@ -19,11 +20,13 @@ from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
+from locate.map.answer import Answer, Obstacle
 from locate.map.plume import Plume, PlumeMap
 from locate.pipeline.detections import load_detections, load_response
 from locate.pipeline.evidence import save_evidence
 from locate.pipeline.files import RunFiles
 from locate.pipeline.map_notes import ONE_VIEWPOINT, map_notes
+from locate.pipeline.obstacles import measured_obstacles
 from locate.pipeline.placement import Placement
 from locate.recording.posed_frames import PosedFrames
 
@@ -42,6 +45,7 @@ def write_map(
     *,
     seed: int,
     notes: Sequence[str],
+    foreseen: Sequence[Obstacle] = (),
     report: Report,
 ) -> str:
     """Writes the map of a run and the evidence it rests on; returns a summary.
@@ -52,15 +56,18 @@ def write_map(
         posed: The frames.
         seed: Of every random choice.
         notes: What else a reader of the map should know.
+        foreseen: Obstacles that the frames themselves show.
         report: Takes the progress.
     """
     plume_map = fuse_detections(files.detections, posed, target.evidence, seed=seed, report=report)
     placement = Placement.load(files.placement)
     plume_map = placement.with_uncertainty(plume_map)
+    if plume_map.answer is Answer.NOT_JUDGED:
+        plume_map = replace(plume_map, obstacles=(*foreseen, *plume_map.obstacles))
     notes = (*plume_map.notes, *placement.notes, *notes)
     plume_map = replace(plume_map, notes=tuple(map(printable, notes)))
     plume_map.save(target.map)
-    return f"{len(plume_map.plumes)} plumes, {len(plume_map.bearings)} bearings"
+    return plume_map.limit_text()
 
 
 def fuse_detections(
@@ -79,7 +86,8 @@ def fuse_detections(
     detector = DetectorChoice.parse(stored_name)
     trajectory = posed.undistorted_trajectory()
     if trajectory is None:
-        plume_map = map_bearings(found, detector, posed, seed=seed)
+        response = load_response(detections)
+        plume_map = map_bearings(found, detector, posed, response=response, seed=seed)
         report("fusion", 1.0)
         return plume_map
     # Sum the evidence of all views and extract the plumes.
@@ -107,6 +115,7 @@ def fuse_detections(
             turns=turns,
         )
     report("fusion", 1.0)
+    judged = bool(plumes) or limit_px is not None
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,
@@ -115,12 +124,18 @@ def fuse_detections(
         plumes=number_plumes(plumes),
         detection_limit_px=limit_px,
         detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
+        obstacles=() if judged else measured_obstacles(found, depth=fused.grid is not None),
         notes=map_notes(found, detector, trajectory, plumes, limit_px),
     )
 
 
 def map_bearings(
-    found: Sequence[Detection], detector: DetectorChoice, posed: PosedFrames, *, seed: int
+    found: Sequence[Detection],
+    detector: DetectorChoice,
+    posed: PosedFrames,
+    *,
+    response: Response | None,
+    seed: int,
 ) -> PlumeMap:
     """The map of a camera at rest: directions to plumes."""
     images = posed.steady()
@@ -131,8 +146,10 @@ def map_bearings(
         consecutive=images[posed.longest_sequence()],
         haze=haze,
         shaking_px=images.shaking_px,
+        response=response,
         seed=seed,
     )
+    judged = bool(seen.bearings) or seen.limit_px is not None
     return PlumeMap(
         units="scene",
         gravity=False,
@@ -140,6 +157,8 @@ def map_bearings(
         version=__version__,
         bearings=seen.bearings,
         haze=haze,
+        detection_limit_px=seen.limit_px,
+        obstacles=() if judged else measured_obstacles(found, depth=True),
         notes=(ONE_VIEWPOINT, *seen.notes),
     )
 

@@ -16,7 +16,7 @@ ONE_VIEWPOINT = (
 FREE_SCALE = "The scale is free: lengths are in scene units, not metres."
 BLIND = (
     f"Even a plume of {AMPLITUDES_PX[-1]:.0f} px would have been missed in half of the places: "
-    "that none was found means little here."
+    "others may be there."
 )
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 
@@ -42,7 +42,7 @@ def map_notes(
         notes.append(FREE_SCALE)
     if not trajectory.gravity:
         notes.append(GUESSED_UP)
-    if limit_px is None:
+    if limit_px is None and plumes:
         notes.append(BLIND)
     unit_name = "m" if trajectory.metric else "scene units"
     notes += [hidden_note(plume, unit_name) for plume in plumes if plume.source_hidden]

@@ -1,5 +1,6 @@
 """The run: from a recording to a map, by stages that are joined by files."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,15 @@ from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
 from locate.pipeline.left_out import left_out_notes
+from locate.pipeline.obstacles import foreseen_obstacles
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames, Recording
 from locate.recording.posed_frames import PosedFrames
 from locate.telemetry import read_telemetry
+
+log = logging.getLogger("locate")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +109,10 @@ class Run:
         at_rest = self._may_rest and self.folder.is_done(
             "frames", inputs=self._frame_inputs(at_rest=True), code=(frames,)
         )
-        return self._write_frames(recording, at_rest=at_rest)
+        key_frames = self._write_frames(recording, at_rest=at_rest)
+        for obstacle in foreseen_obstacles(key_frames):
+            log.warning("%s %s", obstacle.why, obstacle.remedy)
+        return key_frames
 
     def _frame_inputs(self, *, at_rest: bool) -> dict[str, Any]:
         return {**self.source.frame_inputs(), "at_rest": at_rest}
@@ -226,6 +233,7 @@ class Run:
                 plan.posed,
                 seed=self.config.seed,
                 notes=(*notes, *plan.key_frames.warnings),
+                foreseen=foreseen_obstacles(plan.key_frames),
                 report=self._report,
             ),
         )

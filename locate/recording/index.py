@@ -52,6 +52,8 @@ class KeyFrames:
         static: The camera did not move.
         focal_prior_px: Focal length from metadata in px of the written images, or None.
         focal_source: Where that was found.
+        bits_per_pixel: What a video file spends on each pixel of the written images; None for
+            other recordings.
         warnings: What is wrong with the recording without making it useless.
     """
 
@@ -62,6 +64,7 @@ class KeyFrames:
     static: bool
     focal_prior_px: FiniteFloat | None = None
     focal_source: str | None = None
+    bits_per_pixel: FiniteFloat | None = None
     warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:

@@ -73,6 +73,7 @@ def select_frames(
         static=still,
         focal_prior_px=recording.focal_prior_px,
         focal_source=recording.focal.source if recording.focal else None,
+        bits_per_pixel=recording.bits_per_pixel,
         warnings=(*recording.warnings, *watched.notes),
     )
 

@@ -16,7 +16,13 @@ from locate.recording.formats import PHOTO_SUFFIXES, REFUSED_SUFFIXES
 from locate.recording.images import read_samples, show_in_grey
 from locate.recording.photo_folder import list_photos, note_further_pages
 from locate.recording.photo_groups import keep_one_camera
-from locate.recording.video import NamedImage, first_video_image, read_video_header, video_images
+from locate.recording.video import (
+    NamedImage,
+    bits_per_frame,
+    first_video_image,
+    read_video_header,
+    video_images,
+)
 
 DEFAULT_MAX_SIDE = 1280
 """Longest side at which frames are processed, px."""
@@ -78,6 +84,13 @@ class Recording:
     def focal_prior_px(self) -> float | None:
         """Focal length from metadata, px at the working size."""
         return None if self.focal is None else self.focal.relative * max(self.width, self.height)
+
+    @property
+    def bits_per_pixel(self) -> float | None:
+        """What a video file spends on each pixel at the working size; None for others."""
+        if not self.is_video or self.read is not None:
+            return None
+        return bits_per_frame(self.path) / (self.width * self.height)
 
     def frames(self) -> Iterator[Frame]:
         """Yields every frame in order; one frame is in memory at a time.

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import av
@@ -15,6 +16,8 @@ from locate.recording.display import PictureGeometry
 from locate.recording.fields import FILTER, merge_fields
 from locate.recording.formats import TOO_LARGE
 
+CODED_FRAMES = 300
+"""Frames that show how a video is coded: some seconds, with whole frames among them."""
 MISSING_TAIL_S = 0.5
 """Missing end of a video from which on it counts as truncated."""
 NamedImage = tuple[float, str, GreyImage]
@@ -69,6 +72,14 @@ def read_video_header(path: Path) -> tuple[dict[str, str], int]:
         length_s = _declared_end_s(container) - start_of_video_s(container)
         count = stream.frames or round(length_s * float(stream.average_rate or 0))
         return container.metadata | stream.metadata, max(0, count)
+
+
+def bits_per_frame(path: Path) -> float:
+    """What the first frames of a video are coded with on average; 0 where there are none."""
+    with open_video(path) as container:
+        packets = islice(container.demux(container.streams.video[0]), CODED_FRAMES)
+        sizes = [packet.size for packet in packets if packet.size]
+    return 8 * sum(sizes) / max(1, len(sizes))
 
 
 def first_video_image(path: Path) -> GreyImage:

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 
 from detect.detection import Detection
+from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
 from detect.haze import Haze
 from geometry.arrays import GreyImage
 from geometry.camera import Camera
@@ -55,12 +56,14 @@ def test_what_no_single_frame_shows_is_found_in_time() -> None:
 
 
 def test_noise_in_time_gives_no_direction() -> None:
-    assert in_time(frames(0.0)) == StillCameraResult(bearings=(), notes=())
+    found = in_time(frames(0.0))
+    assert (found.bearings, found.notes) == ((), ())
 
 
 def test_a_note_states_why_time_shows_nothing() -> None:
     assert in_time(frames(0.15, count=12)).notes == (TOO_SLOW,)
-    assert in_time(frames(0.15, held=4)) == StillCameraResult(bearings=(), notes=(EVERYWHERE,))
+    held = in_time(frames(0.15, held=4))
+    assert (held.bearings, held.notes) == ((), (EVERYWHERE,))
 
 
 def test_what_oscillates_is_left_out_with_a_note() -> None:
@@ -86,3 +89,32 @@ def test_of_a_shaken_camera_single_frames_show_what_moves_further() -> None:
     found = find_bearings(seen, CAMERA, shaking_px=0.7 * usual.displacement_px)
     assert found.bearings == ()
     assert "one place that moves the image less" in found.notes[-1]
+
+
+def measured(rng: np.random.Generator, sigma_px: float, plume_px: float = 0.0) -> Detection:
+    """A frame in which everything was measured to `sigma_px`, with a plume across the middle."""
+    displacement = rng.normal(0, sigma_px, (120, 160, 2)).astype(np.float32)
+    cv2.rectangle(displacement, (76, 40), (84, 72), (plume_px, 0.0), -1)
+    sigma = np.full((120, 160), sigma_px, np.float32)
+    size_px = np.hypot(*np.moveaxis(displacement, -1, 0))
+    llr = np.clip(log_likelihood_ratio(size_px, sigma), LLR_MIN, LLR_MAX)
+    return Detection(displacement=displacement, sigma_px=sigma, llr=llr)
+
+
+def test_a_plume_of_the_limit_is_found_and_a_far_weaker_one_is_not() -> None:
+    rng = np.random.default_rng(3)
+    limits = []
+    for sigma_px in (0.05, 0.2):
+        empty = find_bearings([measured(rng, sigma_px) for _ in range(10)], CAMERA)
+        assert empty.bearings == ()
+        assert empty.limit_px is not None
+        limits.append(empty.limit_px)
+        for share, count in ((1.3, 1), (0.3, 0)):
+            seen = [measured(rng, sigma_px, share * empty.limit_px) for _ in range(10)]
+            assert len(find_bearings(seen, CAMERA).bearings) == count
+    assert limits[0] < limits[1]
+
+
+def test_without_evidence_there_is_no_limit() -> None:
+    silent = [Detection.without_evidence((120, 160)) for _ in range(10)]
+    assert find_bearings(silent, CAMERA).limit_px is None

@@ -58,7 +58,7 @@ def test_geojson_keeps_to_the_standard(tmp_path: Path, datum: HeightDatum) -> No
     path = tmp_path / "plumes.geojson"
     write_geojson(path, answer(datum))
     content = json.loads(path.read_text())
-    assert set(content) == {"type", "features"}
+    assert set(content) == {"type", "features", "answer", "description"}
     points = [f for f in content["features"] if f["geometry"]["type"] == "Point"]
     expected = lon_lat_height(datum)
     for feature, place in zip(points, expected, strict=True):
@@ -255,7 +255,11 @@ def test_an_empty_map_makes_empty_files_that_open(tmp_path: Path) -> None:
     write_cup(tmp_path / "e.cup", empty)
     write_gpx(tmp_path / "e.gpx", empty)
     write_las(tmp_path / "e.las", helsinki(), np.zeros((0, 3)))
-    assert json.loads((tmp_path / "e.geojson").read_text())["features"] == []
+    collection = json.loads((tmp_path / "e.geojson").read_text())
+    assert collection["features"] == []
+    assert collection["answer"] == "none_found"
+    for text in (collection["description"], (tmp_path / "e.kml").read_text()):
+        assert "a plume of 0.25 px would have been seen" in text
     assert pytest.importorskip("fastkml.validator").validate(file_to_validate=tmp_path / "e.kml")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -15,6 +15,7 @@ from geometry.trajectory import Trajectory
 from locate.export.report import ReportFrame, shapes, write_report
 from locate.export.report.pictures import evidence_uri
 from locate.journal.costs import StageTime
+from locate.map.answer import Cause, Obstacle
 from locate.map.plume import Bearing, PlumeMap
 from tests.locate.answers import SOURCE, orbit, plume, plume_map
 
@@ -205,6 +206,20 @@ def test_nothing_found_and_nothing_kept_is_still_a_page(tmp_path: Path) -> None:
     words = " ".join(Page(text).words)
     assert "No plume found" in words
     assert "None found; a plume of 0.25 px would have been seen in half of the places." in words
+
+
+def test_where_nothing_could_be_judged_the_page_states_why_and_what_to_film(
+    tmp_path: Path,
+) -> None:
+    blurred = Obstacle(cause=Cause.NOISE, why="All was <dark>.", remedy="Film by day.")
+    answer = plume_map(detection_limit_px=None, obstacles=(blurred,))
+    words = " ".join(Page(report(tmp_path / "r.html", answer, orbit())).words)
+    for expected in (
+        *("Nothing could be judged", "All was <dark>.", "What to film instead", "Film by day."),
+        "no plume of any strength",
+    ):
+        assert expected in words, expected
+    assert "No plume found" not in words
 
 
 def test_evidence_is_drawn_where_it_is_and_nowhere_else() -> None:

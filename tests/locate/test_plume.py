@@ -11,6 +11,7 @@ from rich.console import Console
 from detect.haze import Haze
 from geometry.errors import BadInputError
 from locate.export.table import map_table
+from locate.map.answer import Answer, Cause, Obstacle
 from locate.map.plume import Bearing, PlumeMap
 from tests.locate.answers import plume, plume_map
 
@@ -26,7 +27,7 @@ PLUME_CONTRACT = {
     *("radius_by_height", "evidence_nats", "probability", "views", "displacement_px"),
 }
 
-
+DARK = Obstacle(cause=Cause.NOISE, why="It was dark.", remedy="Film by day.")
 BEARING = Bearing(
     direction_in_cam=np.array([0.0, 0.0, 1.0]),
     sigma_rad=0.01,
@@ -60,14 +61,15 @@ def test_haze_is_read_back_and_said_by_height(tmp_path: Path) -> None:
     assert read.haze == haze
     assert read.limit_text() == (
         "Haze: the air moves all over the image, 0.62 px rms, 0.4 px at the top and 1 px at the "
-        "bottom; no single plume stands out of it."
+        "bottom; no single plume stands out of it. A plume of 0.25 px would have been seen in half "
+        "of the places."
     )
 
 
 def test_the_file_has_the_keys_of_the_contract(tmp_path: Path) -> None:
     plume_map(plume()).save(tmp_path / "map.json")
     content = json.loads((tmp_path / "map.json").read_text())
-    assert content["schema"] == "locate.map/1"
+    assert content["schema"] == "locate.map/2"
     assert set(content) >= CONTRACT | {"version"}
     assert set(content["plumes"][0]) >= PLUME_CONTRACT
 
@@ -75,9 +77,10 @@ def test_the_file_has_the_keys_of_the_contract(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema": "locate.map/2"}, "schema is 'locate.map/2', expected 'locate.map/1'"),
+        ({"schema": "locate.map/3"}, "schema is 'locate.map/3', expected 'locate.map/2'"),
         ({"units": "feet"}, "units"),
         ({"plumes": [{"id": 1}]}, r"plumes\.0\.source"),
+        ({"obstacles": [{"cause": "bad_luck", "why": "", "remedy": ""}]}, "obstacles.0.cause"),
         ({"detection_limit_px": float("nan")}, "detection_limit_px"),
         ({"georeference": {"origin_lat_deg": 91.0}}, r"georeference\.origin_lat_deg"),
     ],
@@ -91,6 +94,39 @@ def test_a_wrong_file_is_named_with_its_fault(
         PlumeMap.load(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("plumes", "changes", "answer", "sentence"),
+    [
+        ((plume(),), {}, Answer.FOUND, "One found; a plume of 0.25 px would have been seen"),
+        ((), {"bearings": (BEARING,), "detection_limit_px": None}, Answer.FOUND, "One direction"),
+        ((), {}, Answer.NONE_FOUND, "None found; a plume of 0.25 px would have been seen"),
+        (
+            (),
+            {"detection_limit_px": None, "obstacles": (DARK,)},
+            Answer.NOT_JUDGED,
+            "Nothing could be judged. It was dark.",
+        ),
+        ((), {"detection_limit_px": None}, Answer.NOT_JUDGED, "Why is not known."),
+    ],
+)
+def test_three_answers_are_told_apart(
+    tmp_path: Path, plumes: tuple[Any, ...], changes: dict[str, Any], answer: Answer, sentence: str
+) -> None:
+    plume_map(*plumes, **changes).save(tmp_path / "map.json")
+    assert json.loads((tmp_path / "map.json").read_text())["answer"] == answer.value
+    read = PlumeMap.load(tmp_path / "map.json")
+    assert read.answer is answer
+    assert sentence in read.limit_text()
+    assert read.obstacles == changes.get("obstacles", ())
+
+
+def test_a_map_of_the_earlier_version_is_read(tmp_path: Path) -> None:
+    content = plume_map(plume()).to_dict() | {"schema": "locate.map/1"}
+    del content["answer"], content["obstacles"]
+    (tmp_path / "map.json").write_text(json.dumps(content))
+    assert PlumeMap.load(tmp_path / "map.json").answer is Answer.FOUND
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "no json"])

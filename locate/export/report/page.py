@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,7 @@ def write_report(
         )
     fragments = {
         "scene": "" if spatial is None else read_resource("report/scene.html"),
+        "advice": _advice(plume_map),
         "pictures": _frame_gallery(frames, plume_map),
         "table": _answer_table(plume_map),
         "limits": list_items([*words.limits(plume_map, trajectory), *notes]),
@@ -86,6 +88,13 @@ def write_report(
         scripts=() if spatial is None else _page_scripts(),
         data={} if spatial is None else {"figure": _to_json(spatial)},
     )
+
+
+def _advice(plume_map: PlumeMap) -> str:
+    if not plume_map.obstacles:
+        return ""
+    remedies = list_items(obstacle.remedy for obstacle in plume_map.obstacles)
+    return Template(read_resource("report/advice.html")).substitute(remedies=remedies)
 
 
 def _to_json(spatial: dict[str, Any]) -> str:

@@ -6,13 +6,16 @@ import numpy as np
 
 from geometry.trajectory import Trajectory
 from locate.export.table import probability_text
+from locate.map.answer import Answer
 from locate.map.plume import PlumeMap
 
 LIKE = {"lower": "hot air, hydrogen and helium", "higher": "cold air, methane and propane"}
 
 
 def headline(plume_map: PlumeMap) -> str:
-    """The answer in three words."""
+    """The answer in a few words."""
+    if plume_map.answer is Answer.NOT_JUDGED:
+        return "Nothing could be judged"
     found = len(plume_map.plumes)
     if plume_map.bearings:
         found, what = len(plume_map.bearings), "direction to a plume"
@@ -36,6 +39,8 @@ def lead(plume_map: PlumeMap) -> str:
         )
     if plume_map.bearings:
         return "The camera stood still: one viewpoint gives directions, not positions."
+    if plume_map.answer is Answer.NOT_JUDGED:
+        return f"That no plume was found means nothing here. {plume_map.obstacles_text()}"
     return plume_map.limit_text()
 
 
@@ -48,10 +53,10 @@ def facts(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[tuple[
     limit = plume_map.detection_limit_px
     if limit is not None:
         yield "Seen in half of the places", f"a plume of {limit:.2g} px"
-    elif plume_map.haze is not None:
-        yield "Haze", f"{plume_map.haze.rms_px:.2g} px rms"
     elif not plume_map.bearings:
-        yield "Detection limit", "not known"
+        yield "Seen in half of the places", "no plume of any strength"
+    if plume_map.haze is not None:
+        yield "Haze", f"{plume_map.haze.rms_px:.2g} px rms"
     yield "Detector", plume_map.detector
     if trajectory is not None:
         yield "Units", "metres" if plume_map.units == "m" else "scene units"
@@ -59,7 +64,8 @@ def facts(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[tuple[
 
 def limits(plume_map: PlumeMap, trajectory: Trajectory | None) -> Iterator[str]:
     """The limits of the result, one sentence each; the notes of the map included."""
-    yield plume_map.limit_text()
+    if plume_map.answer is not Answer.NOT_JUDGED:
+        yield plume_map.limit_text()
     yield from plume_map.notes
     if plume_map.plumes or plume_map.bearings:
         yield (

@@ -13,9 +13,11 @@ import numpy as np
 from detect.detection import Detection
 from detect.haze import Haze
 from detect.information import MAP_WIDTH_PX
+from detect.response import Response
 from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 from geometry.camera import Camera
 from locate.fusion.search.null import NULL_DRAWS, SMALLEST_SHIFT, NullLevel
+from locate.fusion.still_camera.limit import still_limit_px
 from locate.fusion.still_camera.regions import FALSE_ALARM, ImageRegion, connected_parts
 from locate.fusion.still_camera.temporal_coherence import find_coherent_regions
 from locate.fusion.views import correlation_area
@@ -40,10 +42,17 @@ ABOVE_SHAKING = 1.5
 
 
 class StillCameraResult(NamedTuple):
-    """What a camera at rest shows: bearings, strongest first, and notes on what limits them."""
+    """What a camera at rest shows.
+
+    Attributes:
+        bearings: Strongest first.
+        notes: What limits them.
+        limit_px: The weakest plume that single frames would show, px; None where they show none.
+    """
 
     bearings: tuple[Bearing, ...]
     notes: tuple[str, ...]
+    limit_px: float | None
 
 
 def find_bearings(
@@ -53,6 +62,7 @@ def find_bearings(
     consecutive: Sequence[GreyImage] = (),
     haze: Haze | None = None,
     shaking_px: float = 0.0,
+    response: Response | None = None,
     seed: int = 0,
 ) -> StillCameraResult:
     """Regions of evidence that chance does not make.
@@ -64,26 +74,34 @@ def find_bearings(
         haze: Of the whole image; then only what moves far more in single frames is a plume.
         shaking_px: Root mean square of the camera's own motion, which was taken out, px of the
             frames. What stands near moves by about as much more, and is no plume.
+        response: Of the detector; None: the hand-made formula.
         seed: Of the random shifts and orders of the nulls.
     """
     small = camera.scaled(min(1.0, MAP_WIDTH_PX / camera.width))
     rng = np.random.default_rng(seed)
     least_px = ABOVE_SHAKING * shaking_px
     if haze is not None:
-        strong = [
-            region
-            for region in _find_in_frames(detections, small, rng)
-            if region.displacement_px > max(ABOVE_HAZE * haze.largest_px, least_px)
-        ]
-        return StillCameraResult(_to_bearings(strong, small), (HAZY,) if strong else ())
+        least_px = max(ABOVE_HAZE * haze.largest_px, least_px)
+        frames = _SingleFrames.of(detections, small, rng)
+        strong = [region for region in frames.regions() if region.displacement_px > least_px]
+        return StillCameraResult(
+            _to_bearings(strong, small),
+            (HAZY,) if strong else (),
+            frames.limit_px(response, least_px),
+        )
     coherent = find_coherent_regions(consecutive, (small.width, small.height), rng)
     known = np.any([coherent.oscillating, *(region.mask for region in coherent.regions)], axis=0)
-    others = [r for r in _find_in_frames(detections, small, rng) if not (r.mask & known).any()]
+    frames = _SingleFrames.of(detections, small, rng)
+    others = [region for region in frames.regions() if not (region.mask & known).any()]
     moved = [region for region in others if region.displacement_px > least_px]
     notes = coherent.notes
     if len(moved) < len(others):
         notes = (*notes, _shaken_note(shaking_px, len(others) - len(moved)))
-    return StillCameraResult(_to_bearings([*coherent.regions, *moved], small), notes)
+    return StillCameraResult(
+        _to_bearings([*coherent.regions, *moved], small),
+        notes,
+        frames.limit_px(response, least_px),
+    )
 
 
 def _shaken_note(shaking_px: float, count: int) -> str:
@@ -95,32 +113,54 @@ def _shaken_note(shaking_px: float, count: int) -> str:
     )
 
 
-def _find_in_frames(
-    detections: Sequence[Detection], camera: Camera, rng: np.random.Generator
-) -> list[ImageRegion]:
-    """Regions of positive mean evidence."""
-    size = (camera.width, camera.height)
-    llr = np.stack([cv2.resize(d.llr, size, interpolation=cv2.INTER_AREA) for d in detections])
-    samples = correlation_area(llr)
-    null = NullLevel.from_draws(
-        [_strongest_by_chance(llr, samples, rng) for _ in range(NULL_DRAWS)]
-    )
-    found = []
-    for mask, nats in _evident_regions(llr, samples):
-        if null.false_alarm(nats) > FALSE_ALARM:
-            continue
-        wide = cv2.resize(mask.astype(np.uint8), detections[0].llr.shape[::-1]) > 0
-        sizes = [np.linalg.norm(d.displacement[wide], axis=-1).mean() for d in detections]
-        found.append(
-            ImageRegion(
-                mask=mask,
-                nats=nats,
-                false_alarm=null.false_alarm(nats),
-                displacement_px=float(np.mean(sizes)),
-                edge_sigma_px=EDGE_SIGMA_PX,
+class _SingleFrames(NamedTuple):
+    """The evidence of single frames on smaller maps (V, H, W), and what chance makes of it."""
+
+    detections: Sequence[Detection]
+    llr: FloatMap
+    samples: float
+    null: NullLevel
+
+    @classmethod
+    def of(
+        cls, detections: Sequence[Detection], camera: Camera, rng: np.random.Generator
+    ) -> "_SingleFrames":
+        size = (camera.width, camera.height)
+        llr = np.stack([cv2.resize(d.llr, size, interpolation=cv2.INTER_AREA) for d in detections])
+        samples = correlation_area(llr)
+        draws = [_strongest_by_chance(llr, samples, rng) for _ in range(NULL_DRAWS)]
+        return cls(detections, llr, samples, NullLevel.from_draws(draws))
+
+    def regions(self) -> list[ImageRegion]:
+        """Regions of positive mean evidence."""
+        found = []
+        for mask, nats in _evident_regions(self.llr, self.samples):
+            if self.null.false_alarm(nats) > FALSE_ALARM:
+                continue
+            wide = cv2.resize(mask.astype(np.uint8), self.detections[0].llr.shape[::-1]) > 0
+            sizes = [np.linalg.norm(d.displacement[wide], axis=-1).mean() for d in self.detections]
+            found.append(
+                ImageRegion(
+                    mask=mask,
+                    nats=nats,
+                    false_alarm=self.null.false_alarm(nats),
+                    displacement_px=float(np.mean(sizes)),
+                    edge_sigma_px=EDGE_SIGMA_PX,
+                )
             )
+        return found
+
+    def limit_px(self, response: Response | None, least_px: float) -> float | None:
+        """The weakest plume that would be one of these and moves more than `least_px`."""
+        limit_px = still_limit_px(
+            self.detections,
+            self.llr.shape[:0:-1],
+            evident_nats=EVIDENT_NATS,
+            least_nats=self.null.threshold(FALSE_ALARM),
+            samples=self.samples,
+            response=response,
         )
-    return found
+        return None if limit_px is None else max(limit_px, least_px)
 
 
 def _strongest_by_chance(llr: FloatMap, samples: float, rng: np.random.Generator) -> float:
