@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pycolmap
 
+from locate.recording.decoders import heif_exif
+from locate.recording.formats import PhotoKind, kind_of_photo
+
 HEADER_BYTES = 256 * 1024
 """Beginning of a file that is searched for metadata."""
 FULL_FRAME_WIDTH_MM = 36.0
@@ -42,8 +45,7 @@ def focal_of_photo(path: Path) -> FocalPrior | None:
     EXIF pixel dimensions may state the size of an original that was since resized, so the sensor
     size is worked out from those and the focal length taken relative to the image's side.
     """
-    with path.open("rb") as file:
-        header = file.read(HEADER_BYTES)
+    header = read_header(path)
     tags = exif_tags(header)
     side = max(tags.get(PIXELS_X, 0.0), tags.get(PIXELS_Y, 0.0))
     calibrated = _DJI_CALIBRATED.search(header)
@@ -61,6 +63,18 @@ def focal_of_photo(path: Path) -> FocalPrior | None:
             tags[FOCAL_35MM] / FULL_FRAME_WIDTH_MM, "EXIF FocalLengthIn35mmFilm"
         )
     return _from_camera_database(path) if FOCAL_MM in tags else None
+
+
+def read_header(path: Path) -> bytes:
+    """The part of a photo that holds its metadata: its beginning, after the EXIF of HEIC.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    with path.open("rb") as file:
+        header = file.read(HEADER_BYTES)
+    is_heif = kind_of_photo(path, header) is PhotoKind.HEIF
+    return heif_exif(path) + header if is_heif else header
 
 
 def focal_of_video(metadata: dict[str, str]) -> FocalPrior | None:

@@ -1,47 +1,50 @@
-"""Formats of photos: those that are read, and those that are known and refused by name."""
+"""Formats of photos: told by name and content, and by which library each is read."""
 
 import struct
+from enum import Enum
 from pathlib import Path
 
 from geometry import MOST_PIXELS
 
-DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".jp2", ".j2k", ".avif"})
-"""Formats whose samples may have more than 8 bits."""
-PHOTO_SUFFIXES = DEEP_SUFFIXES | {".jpg", ".jpeg", ".webp", ".bmp"}
-READ = "JPEG, PNG, TIFF, WebP, BMP, JPEG 2000 or AVIF"
-"""The formats that are read, for messages."""
 HEIF_SUFFIXES = frozenset({".heic", ".heif", ".hif"})
 RAW_SUFFIXES = frozenset(
     {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"}
 )
 """What cameras write before they make a picture of it."""
+DEEP_SUFFIXES = HEIF_SUFFIXES | RAW_SUFFIXES | {".png", ".tif", ".tiff", ".jp2", ".j2k", ".avif"}
+"""Formats whose samples may have more than 8 bits."""
+PHOTO_SUFFIXES = DEEP_SUFFIXES | {".jpg", ".jpeg", ".webp", ".bmp"}
+READ = "JPEG, PNG, TIFF, WebP, BMP, JPEG 2000, AVIF, HEIC or raw"
+"""The formats that are read, for messages."""
 TOO_LARGE = f"over {MOST_PIXELS // 10**6} megapixels; cut or reduce it"
 """Why an image, or the frames of a video, are not read."""
-REFUSED_SUFFIXES = HEIF_SUFFIXES | RAW_SUFFIXES
 
-_HEIF_ADVICE = "HEIC/HEIF photos are not read; convert them to JPEG (heif-convert IN.heic OUT.jpg)"
-_RAW_ADVICE = (
-    "DNG and other raw photos are not read; develop them to 16-bit TIFF, all alike "
-    "(dcraw_emu -6 -T FILE, or darktable-cli)"
-)
 _HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
 _DNG_VERSION = 50706
 """Tag of TIFF that makes a file DNG."""
 _TAG_BYTES = 12
 
 
-def refusal_of(path: Path, content: bytes) -> str | None:
-    """Why a photo of this name and content is not read, and what to do; None where it may be.
+class PhotoKind(Enum):
+    """By what a photo is decoded; the value is its name for people."""
+
+    PLAIN = "photo"
+    HEIF = "HEIC/HEIF photo"
+    RAW = "raw photo"
+
+
+def kind_of_photo(path: Path, content: bytes = b"") -> PhotoKind:
+    """The kind of a photo of this name and content.
 
     Phones name HEIC files .jpg, and the first picture in a DNG file is a small preview: so the
     content decides as well as the name.
     """
     suffix = path.suffix.lower()
-    if suffix in HEIF_SUFFIXES or _is_heif(content):
-        return _HEIF_ADVICE
+    if _is_heif(content) or (suffix in HEIF_SUFFIXES and not content.startswith(b"\xff\xd8")):
+        return PhotoKind.HEIF
     if suffix in RAW_SUFFIXES or _is_dng(content):
-        return _RAW_ADVICE
-    return None
+        return PhotoKind.RAW
+    return PhotoKind.PLAIN
 
 
 def _is_heif(content: bytes) -> bool:

@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
-from locate.recording.formats import READ, TOO_LARGE, refusal_of
+from locate.recording.decoders import decode_samples
 
 CACHED = 24
 """Images kept in memory."""
@@ -103,22 +103,21 @@ def read_samples(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
         BadInputError: The file cannot be read, or its samples are not of 8 or 16 bits.
     """
     try:
-        content = np.fromfile(path, dtype=np.uint8)
-        refusal = refusal_of(path, content.tobytes())
-        if refusal is not None:
-            raise BadInputError(f"{path}: {refusal}")
-        image = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH) if len(content) else None
+        content = path.read_bytes()
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read ({error})") from error
-    except cv2.error as error:
-        if "MAX_IMAGE_PIXELS" in error.err:
-            raise BadInputError(f"{path}: {TOO_LARGE}") from error
-        raise BadInputError(f"{path}: cannot be read ({error.err})") from error
-    if image is None:
-        raise BadInputError(f"{path}: not a readable image ({READ}); remove or replace it")
-    if image.dtype not in (np.uint8, np.uint16):
-        raise BadInputError(f"{path}: samples are {image.dtype}; save it with 8 or 16 bits")
-    return np.asarray(image)
+    return check_depth(path, decode_samples(path, content))
+
+
+def check_depth(path: Path, samples: NDArray[Any]) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The samples of an image file.
+
+    Raises:
+        BadInputError: They are not of 8 or 16 bits.
+    """
+    if samples.dtype not in (np.uint8, np.uint16):
+        raise BadInputError(f"{path}: samples are {samples.dtype}; save it with 8 or 16 bits")
+    return samples
 
 
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:

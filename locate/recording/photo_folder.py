@@ -2,19 +2,29 @@
 
 import re
 import struct
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from geometry.errors import BadInputError
-from locate.recording.formats import PHOTO_SUFFIXES, READ, refusal_of
+from locate.recording.decoders import missing_extra, photo_size
+from locate.recording.formats import (
+    PHOTO_SUFFIXES,
+    READ,
+    PhotoKind,
+    kind_of_photo,
+)
 
 MUCH_SMALLER = 0.5
 """Of the bytes and of the longest side of the usual photo, below which one is a thumbnail."""
 MIN_USUAL = 2
 """Photos that are not much smaller, so that one panorama makes no thumbnails of the others."""
+NOT_INSTALLED = ", extra not installed"
+"""After the kind of a photo that only an extra reads."""
+HEAD_BYTES = 64 * 1024
+"""Of a TIFF file, in which its first directory stands that tells a raw photo."""
 MAX_PAGES = 100_000
 """Of a TIFF; beyond, its chain of pages is taken for a ring."""
 
@@ -31,14 +41,17 @@ def list_photos(folder: Path) -> tuple[tuple[Path, ...], list[str]]:
         raise BadInputError(f"{folder}: cannot be read ({error.strerror})") from error
     kinds = {entry: _kind_of(entry) for entry in sorted(entries, key=natural_key)}
     photos = [entry for entry, kind in kinds.items() if kind == "photo"]
+    for entry in _copies_among(photos):
+        kinds[entry] = "other format of the same photo"
+    photos = [entry for entry, kind in kinds.items() if kind == "photo"]
     for entry in _thumbnails_among(photos):
         kinds[entry] = "thumbnail"
     photos = [entry for entry, kind in kinds.items() if kind == "photo"]
     if not photos:
-        for entry in kinds:
-            refusal = refusal_of(entry, b"")
-            if refusal is not None:
-                raise BadInputError(f"{entry}: {refusal}")
+        for entry, kind in kinds.items():
+            if kind.endswith(NOT_INSTALLED):
+                photo = kind_of_photo(entry)
+                raise BadInputError(f"{entry}: to read {photo.value}s, {missing_extra(photo)}")
         raise BadInputError(f"{folder}: no photos in this folder (expected {READ})")
     return tuple(photos), _count_skipped(folder, kinds)
 
@@ -50,16 +63,23 @@ def natural_key(path: Path) -> list[tuple[int, str]]:
 
 
 def note_further_pages(photos: Sequence[Path]) -> list[str]:
-    """A note on TIFF files that hold more than the one picture that is read of each."""
-    pages = {photo: count_pages(photo) for photo in photos if photo.suffix[:4].lower() == ".tif"}
-    several = [photo for photo, count in pages.items() if count > 1]
+    """A note on TIFF files of a folder that hold more than the one picture that is read of each."""
+    several = [photo for photo in photos if is_stack(photo)]
     if not several:
         return []
     first = several[0]
     return [
-        f"only the first page of {len(several)} TIFF files is read (of the {pages[first]} of "
-        f"{first.name}); save each page as a file to use it"
+        f"only the first page of {len(several)} TIFF files is read (of the {count_pages(first)} of "
+        f"{first.name}); give a file alone to read its pages as a video"
     ]
+
+
+def is_stack(path: Path) -> bool:
+    """Whether a file is a TIFF of several pages, and no raw photo."""
+    if path.suffix[:4].lower() != ".tif" or count_pages(path) < 2:
+        return False
+    with path.open("rb") as file:
+        return kind_of_photo(path, file.read(HEAD_BYTES)) is PhotoKind.PLAIN
 
 
 def count_pages(path: Path) -> int:
@@ -91,7 +111,23 @@ def _kind_of(entry: Path) -> str:
         return "folder"
     if entry.suffix.lower() not in PHOTO_SUFFIXES or not entry.is_file():
         return "file of another kind"
+    kind = kind_of_photo(entry)
+    if missing_extra(kind) is not None:
+        return f"{kind.value}{NOT_INSTALLED}"
     return "photo" if entry.stat().st_size else "empty file"
+
+
+def _copies_among(photos: Sequence[Path]) -> list[Path]:
+    """Raw and HEIC photos, and others of a rarer format, beside one of the same name."""
+    suffixes = Counter(photo.suffix.lower() for photo in photos)
+    by_stem: dict[str, list[Path]] = {}
+    for photo in photos:
+        by_stem.setdefault(photo.stem, []).append(photo)
+
+    def preference(photo: Path) -> tuple[bool, int]:
+        return kind_of_photo(photo) is not PhotoKind.PLAIN, -suffixes[photo.suffix.lower()]
+
+    return [copy for same in by_stem.values() for copy in sorted(same, key=preference)[1:]]
 
 
 def _thumbnails_among(photos: Sequence[Path]) -> list[Path]:
@@ -106,18 +142,13 @@ def _thumbnails_among(photos: Sequence[Path]) -> list[Path]:
     ]
     if not suspects or len(photos) - len(suspects) < MIN_USUAL:
         return []
-    side = _eighth_of_side(photos[usual])
-    return [photo for photo in suspects if 0 < _eighth_of_side(photo) < MUCH_SMALLER * side]
+    side = _longest_side(photos[usual])
+    return [photo for photo in suspects if 0 < _longest_side(photo) < MUCH_SMALLER * side]
 
 
-def _eighth_of_side(photo: Path) -> int:
-    """An eighth of the longest side, px, which is fast to decode; 0 where it is unreadable."""
-    try:
-        content = np.fromfile(photo, dtype=np.uint8)
-        image = cv2.imdecode(content, cv2.IMREAD_REDUCED_GRAYSCALE_8) if len(content) else None
-    except (OSError, cv2.error):
-        return 0
-    return 0 if image is None else max(image.shape)
+def _longest_side(photo: Path) -> int:
+    """To within 8 px, which is fast to decode; 0 where it is unreadable."""
+    return max(photo_size(photo, reduced=True) or (0,))
 
 
 def _count_skipped(folder: Path, kinds: dict[Path, str]) -> list[str]:

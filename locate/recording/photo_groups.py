@@ -5,16 +5,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
+from locate.recording.decoders import photo_size
 from locate.recording.focal import (
     FOCAL_35MM,
     FOCAL_MM,
-    HEADER_BYTES,
     exif_tags,
     exif_texts,
     focal_of_photo,
+    read_header,
 )
 
 SAME_FOCAL = 0.01
@@ -67,10 +67,9 @@ class PhotoOptics:
 def optics_of_photo(path: Path) -> PhotoOptics:
     """Reads the header of a photo, and all of it where that does not state its size."""
     try:
-        with path.open("rb") as file:
-            header = file.read(HEADER_BYTES)
+        header = read_header(path)
         tags, texts, prior = exif_tags(header), exif_texts(header), focal_of_photo(path)
-        size = _jpeg_size(header, turned=tags.get(ORIENTATION) in TURNED) or _decoded_size(path)
+        size = _jpeg_size(header, turned=tags.get(ORIENTATION) in TURNED) or photo_size(path)
     except OSError:
         return PhotoOptics(size=None, names=("", ""), focals=(0, 0, 0, 0))
     stated = [0.0 if prior is None else prior.relative]
@@ -180,12 +179,3 @@ def _jpeg_size(header: bytes, *, turned: bool) -> tuple[int, int] | None:
             return (height, width) if turned else (width, height)
         at += 2 + length
     return None
-
-
-def _decoded_size(path: Path) -> tuple[int, int] | None:
-    content = np.fromfile(path, dtype=np.uint8)
-    try:
-        image = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
-    except cv2.error:
-        image = None
-    return None if image is None else (image.shape[1], image.shape[0])

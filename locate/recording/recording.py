@@ -12,10 +12,11 @@ from geometry.errors import BadInputError
 from geometry.stretch import Stretch
 from locate.recording.depth import stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
-from locate.recording.formats import PHOTO_SUFFIXES, REFUSED_SUFFIXES
+from locate.recording.formats import PHOTO_SUFFIXES
 from locate.recording.images import read_samples, show_in_grey
-from locate.recording.photo_folder import list_photos, note_further_pages
+from locate.recording.photo_folder import is_stack, list_photos, note_further_pages
 from locate.recording.photo_groups import keep_one_camera
+from locate.recording.stack import TiffStack
 from locate.recording.video import (
     NamedImage,
     bits_per_frame,
@@ -138,7 +139,8 @@ def open_recording(
     """Opens a video, a folder of photos or a photo.
 
     Args:
-        path: A video file, or a photo (`PHOTO_SUFFIXES`), or a folder of photos.
+        path: A video file, or a photo (`PHOTO_SUFFIXES`), or a folder of photos. A TIFF file of
+            several pages is a video.
         max_side: Longer images are reduced to this many px on the longest side.
         one_camera: Of photos by several lenses, zooms or of several sizes, take the largest group;
             a warning says so.
@@ -148,12 +150,14 @@ def open_recording(
     """
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
-    is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES | REFUSED_SUFFIXES
+    is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES
     photo_indices: tuple[int, ...] = ()
     turns: dict[int, int] = {}
     warnings: list[str] = []
     if path.is_dir() or is_photo:
         photos, warnings = ((path,), []) if is_photo else list_photos(path)
+        if len(photos) == 1 and is_stack(photos[0]):
+            return _open_stack(photos[0], max_side, warnings)
         warnings += note_further_pages(photos)
         if one_camera:
             kept = keep_one_camera(photos)
@@ -187,6 +191,29 @@ def open_recording(
         photo_indices=photo_indices,
         turns=turns,
         warnings=warnings if stretch is None else [*warnings, f"{path.name}: {stretch.note}"],
+    )
+
+
+def _open_stack(path: Path, max_side: int, warnings: list[str]) -> Recording:
+    stack = TiffStack(path)
+    stretch = stack.stretch
+    _, _, first = next(stack.read([]))
+    height, width = first.shape
+    factor = min(1.0, max_side / max(height, width))
+    if stretch is not None:
+        warnings.append(f"{path.name}: {stretch.note}")
+    return Recording(
+        path=path,
+        photos=(),
+        width=round(width * factor),
+        height=round(height * factor),
+        source_width=width,
+        source_height=height,
+        focal=focal_of_photo(path),
+        expected_frames=stack.count,
+        stretch=stretch,
+        warnings=warnings,
+        read=lambda: stack.read(warnings),
     )
 
 

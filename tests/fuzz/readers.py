@@ -3,6 +3,8 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -53,6 +55,7 @@ from locate.survey.scoring import CampaignTruth
 from tests.detect.onnx_files import convolution
 from tests.locate import recorded, survey_runs
 from tests.locate.answers import orbit, plume, plume_map
+from tests.locate.test_formats import write_raw
 
 FRAMES = 4
 CHANNELS = len(FEATURES)
@@ -144,6 +147,17 @@ def _write_pictures(folder: Path, name: str) -> None:
 
 def _write_image(name: str) -> Callable[[Path], object]:
     return lambda folder: cv2.imwrite(str(folder / name), texture())
+
+
+def _write_by_extra(suffix: str, folder: Path) -> None:
+    if suffix == ".dng":
+        write_raw(folder / "a.dng")
+        return
+    import pillow_heif
+
+    samples = np.repeat(texture()[..., None], 3, 2)
+    size = samples.shape[1::-1]
+    pillow_heif.from_bytes(mode="RGB", size=size, data=samples.tobytes()).save(folder / "a.heic")
 
 
 def _read_recording(path: Path) -> None:
@@ -497,6 +511,11 @@ READERS: dict[str, Reader] = {
     **{
         name: Reader(f"a{name}", _write_image(f"a{name}"), read_grey)
         for name in (".png", ".jpg", ".tif", ".webp", ".bmp", ".pgm", ".jp2")
+    },
+    **{
+        f"a{suffix}": Reader(f"a{suffix}", partial(_write_by_extra, suffix), read_grey)
+        for suffix, module in ((".heic", "pillow_heif"), (".dng", "rawpy"))
+        if find_spec(module)
     },
     "folder of photos": Reader(
         "photos/1.png",

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from geometry.errors import BadInputError
 from geometry.printable import printable
@@ -95,8 +96,28 @@ def test_further_pages_of_tiff_are_noted(tmp_path: Path) -> None:
     assert "first page of 1 TIFF files" in note
     assert "3 of img2.tif" in note
     assert count_pages(folder / "img1.tif") == 1
-    with pytest.raises(BadInputError, match="at least 2 are needed; only the first page"):
-        select_frames(open_recording(folder / "img2.tif"), tmp_path / "frames")
+
+
+@pytest.mark.parametrize("deep", [False, True])
+@pytest.mark.parametrize("alone", [False, True])
+def test_the_pages_of_one_tiff_are_a_video(tmp_path: Path, deep: bool, alone: bool) -> None:
+    images = pan([5.0 * i for i in range(12)])
+    stack = np.stack(images).astype(np.uint16) * 5 + 29_000 if deep else np.stack(images)
+    path = tmp_path / f"{LATIN_1}.tif"
+    with path.open("wb") as file, tifffile.TiffWriter(file) as writer:
+        for image in stack:
+            writer.write(image, photometric="minisblack")
+        writer.write(stack[0][::2, ::2], photometric="minisblack")
+    recording = open_recording(tmp_path if alone else path)
+    assert recording.is_video
+    shown = list(recording.frames())
+    assert len(shown) == len(images)
+    assert (recording.stretch is not None) == deep
+    for frame, image in zip(shown, images, strict=True):
+        assert np.corrcoef(frame.image.ravel(), image.ravel())[0, 1] > 0.999
+    kept = select_frames(recording, tmp_path / "frames")
+    assert any("its 13 pages are read as a video of 25 frames" in note for note in kept.warnings)
+    assert any("1 pages of" in note for note in kept.warnings)
 
 
 def test_pages_of_damaged_and_circular_tiff_files_are_counted_in_finite_time(

@@ -1,0 +1,80 @@
+"""A TIFF file of several pages, read as a video."""
+
+from collections import Counter
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.errors import BadInputError
+from geometry.stretch import Stretch
+from locate.recording.decoders import reason_of
+from locate.recording.depth import spread_rows
+from locate.recording.images import check_depth, show_in_grey
+from locate.recording.photo_folder import count_pages
+from locate.recording.video import NamedImage
+
+PAGE_RATE = 25.0
+"""Pages a second: TIFF states no times."""
+
+
+class TiffStack:
+    """The pages of a TIFF file, as often as asked.
+
+    Args:
+        path: The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.count = count_pages(path)
+
+    @cached_property
+    def stretch(self) -> Stretch | None:
+        """How pages of 16 bits are shown; None where all that were looked at have 8."""
+        pages = (self._read_page(row) for row in spread_rows(self.count))
+        deep = (page.astype(np.uint16, copy=False) for page in pages if page.dtype == np.uint16)
+        return Stretch.choose(deep)
+
+    def read(self, warnings: list[str]) -> Iterator[NamedImage]:
+        """Time, name and image of every page of the size of the first.
+
+        Raises:
+            BadInputError: A page cannot be read.
+        """
+        others: Counter[str] = Counter()
+        size: tuple[int, ...] | None = None
+        for row in range(self.count):
+            image = show_in_grey(self._read_page(row), self.stretch)
+            size = size or image.shape
+            if image.shape == size:
+                yield row / PAGE_RATE, self._path.name, image
+            else:
+                others[f"{image.shape[1]}x{image.shape[0]}"] += 1
+        notes = [
+            f"{self._path.name}: its {self.count} pages are read as a video of {PAGE_RATE:g} "
+            "frames a second, as TIFF states no times",
+            *(f"{self._path.name}: {n} pages of {name} px left out" for name, n in others.items()),
+        ]
+        warnings += [note for note in notes if note not in warnings]
+
+    @cached_property
+    def _content(self) -> NDArray[np.uint8]:
+        try:
+            return np.fromfile(self._path, dtype=np.uint8)
+        except OSError as error:
+            raise BadInputError(f"{self._path}: cannot be read ({error.strerror})") from error
+
+    def _read_page(self, row: int) -> NDArray[Any]:
+        flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
+        try:
+            read, pages = cv2.imdecodemulti(self._content, flags, range=(row, row + 1))
+        except cv2.error as error:
+            raise BadInputError(f"{self._path}: page {row + 1}: {reason_of(error)}") from error
+        if not read or not pages:
+            raise BadInputError(f"{self._path}: page {row + 1} of {self.count} cannot be read")
+        return check_depth(self._path, np.asarray(pages[0]))
