@@ -108,7 +108,7 @@ def record_pairs(
         name: Of the recording; decides the split.
         images: (H, W) frames in order.
         reference: (H, W) the view without plume, or how many frames at the start show it.
-        folder: Of the dataset, made where it is missing; docs/bos.md describes it.
+        folder: Of the dataset, made where it is missing; docs/laboratory.md describes it.
         settings: How.
 
     Raises:

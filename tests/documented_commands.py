@@ -4,12 +4,15 @@ A block of shell commands is expanded by bash, which finds no program and so pri
 have called. Each call is then given to the parser of its program; nothing is carried out.
 """
 
+import ast
 import json
 import re
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -18,7 +21,7 @@ import typer
 from locate.commands.app import app
 
 ROOT = Path(__file__).parents[1]
-BLOCK = re.compile(r"^(<!-- run -->\n)?( *)```(sh|bash|console)\n(.*?)^\2```", re.M | re.S)
+BLOCK = re.compile(r"^(<!-- run -->\n)?( *)```(\w+)\n(.*?)^\2```", re.M | re.S)
 INLINE = re.compile(r"(?<!`)`((?:locate|make|python -m|pytest) [^`\n]+)`(?!`)")
 FOREIGN = {"apt-get", "cd", "colcon", "dask", "docker", "git", "ros2", "source"}
 """Programs and words of the shell that are not ours to check."""
@@ -52,14 +55,41 @@ for module, *arguments in json.load(sys.stdin):
 """Prints what goes wrong when each module's argparse reads its arguments, and runs none of them."""
 
 
-def blocks(page: Path, *, to_run: bool = False) -> Iterator[str]:
-    """The shell commands of each block of a page; `to_run`: of those marked `<!-- run -->` only."""
-    for mark, indent, language, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+@dataclass(frozen=True)
+class Block:
+    """A block of code on a page.
+
+    Attributes:
+        text: Its lines, without their indentation; of a console the commands alone.
+        language: `sh` also for `bash` and `console`.
+        run: Whether it is marked `<!-- run -->`.
+    """
+
+    text: str
+    language: str
+    run: bool
+
+
+def blocks(page: Path, language: str) -> Iterator[Block]:
+    """The blocks of one language, `sh` or `python`."""
+    for mark, indent, named, text in BLOCK.findall(page.read_text(encoding="utf-8")):
         lines = [line.removeprefix(indent) for line in text.splitlines()]
-        if language == "console":
+        if named == "console":
             lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
-        if mark or not to_run:
-            yield "\n".join(lines)
+        if language == {"bash": "sh", "console": "sh"}.get(named, named):
+            yield Block("\n".join(lines), language, bool(mark))
+
+
+def unknown_imports(program: str) -> list[str]:
+    """The imports of a Python program that lead nowhere; a SyntaxError if it is none."""
+    wrong = []
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.Import):
+            wrong += [alias.name for alias in node.names if not find_spec(alias.name)]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            module = import_module(node.module)
+            wrong += [f"{node.module}.{a.name}" for a in node.names if not hasattr(module, a.name)]
+    return wrong
 
 
 def calls(block: str, folder: Path) -> list[list[str]]:

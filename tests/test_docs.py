@@ -12,6 +12,7 @@ from tests.documented_commands import (
     complaints,
     complaints_of_modules,
     inline_complaints,
+    unknown_imports,
 )
 
 ROOT = Path(__file__).parents[1]
@@ -75,8 +76,8 @@ def test_commands_in_blocks_are_understood(tmp_path: Path) -> None:
     wrong: list[str] = []
     modules: list[list[str]] = []
     for page in PAGES:
-        for block in blocks(page):
-            for call in calls(block, tmp_path):
+        for block in blocks(page, "sh"):
+            for call in calls(block.text, tmp_path):
                 wrong += [f"{page.name}: {text}" for text in complaints(call, modules)]
     assert modules
     assert wrong + complaints_of_modules(modules) == []
@@ -88,31 +89,35 @@ def test_commands_in_sentences_name_what_there_is(page: Path) -> None:
         assert inline_complaints(page) == []
 
 
-def test_commands_marked_to_be_run_do(tmp_path: Path) -> None:
-    found = [block for page in PAGES for block in blocks(page, to_run=True)]
-    assert found
-    bin_folder = tmp_path / "bin"
-    bin_folder.mkdir()
-    for name in ("locate", "python"):
-        module = "-m locate" if name == "locate" else ""
-        program = bin_folder / name
-        program.write_text(f'#!/bin/sh\nexec {sys.executable} {module} "$@"\n', encoding="utf-8")
-        program.chmod(0o755)
-    environment = {**os.environ, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
+@each_page
+def test_programs_import_what_there_is(page: Path) -> None:
+    programs = list(blocks(page, "python"))
+    assert [name for block in programs for name in unknown_imports(block.text)] == []
+
+
+def test_what_is_marked_to_be_run_does(tmp_path: Path) -> None:
+    found = [block for page in PAGES for name in ("sh", "python") for block in blocks(page, name)]
+    found = [block for block in found if block.run]
+    assert {block.language for block in found} == {"sh", "python"}
+    program = tmp_path / "locate"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m locate "$@"\n', encoding="utf-8")
+    program.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
     environment["PYTHONPATH"] = str(ROOT)
+    by = {"sh": ["/bin/bash", "-euc"], "python": [sys.executable, "-c"]}
     for number, block in enumerate(found):
         work = tmp_path / str(number)
         work.mkdir()
         (work / "examples").symlink_to(ROOT / "examples")
         done = subprocess.run(
-            ["/bin/bash", "-euc", block],
+            [*by[block.language], block.text],
             cwd=work,
             env=environment,
             capture_output=True,
             text=True,
             check=False,
         )
-        assert done.returncode == 0, f"{block}\n{done.stdout}{done.stderr}"
+        assert done.returncode == 0, f"{block.text}\n{done.stdout}{done.stderr}"
 
 
 def test_site_is_built_without_a_warning(tmp_path: Path) -> None:
