@@ -59,6 +59,10 @@ class RegistrationError(LocateError):
     def __init__(self, failure: RegistrationFailure, message: str) -> None:
         super().__init__(f"{failure.value}: {message}")
         self.failure = failure
+        self._message = message
+
+    def __reduce__(self) -> "tuple[type[RegistrationError], tuple[RegistrationFailure, str]]":
+        return type(self), (self.failure, self._message)
 
 
 def first_complaint(error: "ValidationError") -> tuple[str, str]:

@@ -1,6 +1,8 @@
 """Frames to poses: match, map, compare with a second method, adjust, check, normalise."""
 
-from collections.abc import Callable, Sequence
+import errno
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,6 +92,7 @@ def reconstruct(
     Raises:
         BadInputError: An image cannot be read or does not fit the camera.
         RegistrationError: The frames cannot be registered; the cause is named.
+        OSError: COLMAP cannot write or read its files.
     """
     pycolmap.logging.minloglevel = FATAL_ONLY  # pycolmap.bundle_adjustment elsewhere resets it
     report_progress = _ProgressMeter(progress)
@@ -104,23 +107,33 @@ def reconstruct(
         )
     workdir.mkdir(parents=True, exist_ok=True)
     database = workdir / "database.db"
-    pairs = _matched_pairs(database, image_dir, names, start, ordered, report_progress)
-    checks.check_matches(pairs, Camera.from_colmap(start), len(names))
-    job = _MappingJob(
-        image_dir=image_dir,
-        names=names,
-        workdir=workdir,
-        database=database,
-        pairs=pairs,
-        refine=camera is None,
-        progress=report_progress,
-    )
-    solution = _map_and_verify(job)
-    report_progress("adjusting", 0.0)
-    mapping.adjust_bundle(solution.model, refine_camera=job.refine)
-    finished = _finish_reconstruction(job, solution, indices, times_s, ordered, focal_prior_px)
-    report_progress("adjusting", 1.0)
-    return finished
+    with _colmap_errors(database):
+        pairs = _matched_pairs(database, image_dir, names, start, ordered, report_progress)
+        checks.check_matches(pairs, Camera.from_colmap(start), len(names))
+        job = _MappingJob(
+            image_dir=image_dir,
+            names=names,
+            workdir=workdir,
+            database=database,
+            pairs=pairs,
+            refine=camera is None,
+            progress=report_progress,
+        )
+        solution = _map_and_verify(job)
+        report_progress("adjusting", 0.0)
+        mapping.adjust_bundle(solution.model, refine_camera=job.refine)
+        finished = _finish_reconstruction(job, solution, indices, times_s, ordered, focal_prior_px)
+        report_progress("adjusting", 1.0)
+        return finished
+
+
+@contextmanager
+def _colmap_errors(database: Path) -> Iterator[None]:
+    """COLMAP raises RuntimeError where it cannot read or write its files."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise OSError(errno.EIO, " ".join(str(error).split()), str(database)) from error
 
 
 def _matched_pairs(

@@ -8,6 +8,7 @@ from geometry.disk_space import check_space
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
 from geometry.named_poses import NamedPoses
+from geometry.processes import call_apart
 from geometry.removal import remove_inside
 from geometry.sfm import reconstruct
 from geometry.sfm.given_poses import check_given_poses
@@ -36,6 +37,8 @@ def reconstruct_poses(
 ) -> str:
     """Runs structure from motion on the key frames; returns a summary.
 
+    It runs in a process of its own: COLMAP ends its process where the disk fills up meanwhile.
+
     Args:
         source: What is known of the camera.
         key_frames: The frames.
@@ -45,11 +48,12 @@ def reconstruct_poses(
 
     Raises:
         RegistrationError: The frames could not be registered; the error says why.
-        OSError: Too little space.
+        OSError: Too little space, or COLMAP's process was ended.
     """
-    check_space(target.root, len(key_frames) * SFM_BYTES_PER_FRAME)  # COLMAP aborts without it
+    check_space(target.root, len(key_frames) * SFM_BYTES_PER_FRAME)
     remove_inside(target.root, target.sfm.name)
-    result = reconstruct(
+    result = call_apart(
+        reconstruct,
         files.frames,
         key_frames.names,
         key_frames.indices,
@@ -58,7 +62,8 @@ def reconstruct_poses(
         focal_prior_px=source.focal_prior_px(key_frames),
         workdir=target.sfm,
         ordered=key_frames.is_video,
-        progress=lambda _, share: report("poses", share),
+        name="structure from motion",
+        report=lambda _, share: report("poses", share),
     )
     result.save(target.sfm)
     return f"{len(result.trajectory)} of {len(key_frames)} frames, {result.report['method']}"

@@ -1,11 +1,6 @@
-"""Searches and detectors in processes of their own: feeding and publishing never wait for them.
-
-A process of `multiprocessing` would run the robot's own program again, which need not be written
-for that; so these run Python alone, each with a pipe that only its two ends can write to.
-"""
+"""Searches and detectors in processes of their own: feeding and publishing never wait for them."""
 
 import os
-import subprocess
 import sys
 import threading
 import traceback
@@ -20,6 +15,7 @@ import cv2
 from detect.detection import Detection, Detector, Frames
 from detect.registry import make_detector
 from geometry.errors import BadInputError
+from geometry.processes import start_python
 from geometry.threads import with_one_blas_thread
 from locate.fusion.views import Views
 from locate.messages.poses import StampedPose
@@ -92,12 +88,7 @@ class SubprocessWorker:
         """Starts the process, where the keys that interrupt the robot's program do not reach."""
         self._pipe, theirs = Pipe()
         with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", PROGRAM, str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-                process_group=0,
-            )
+            self._process = start_python(PROGRAM, theirs, process_group=0)
         self._pipe.send(self._construction)
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
-from geometry.sfm import Reconstruction, checks, mapping, reconstruct
+from geometry.sfm import Reconstruction, checks, features, mapping, reconstruct
 from geometry.sfm.reconstruct import STAGES
 from geometry.sfm.summary import triangulation_angles_deg
 from geometry.similarity import align_points
@@ -286,6 +286,18 @@ def test_poses_nobody_agrees_on_are_refused(
         monkeypatch.setattr(mapping, name, wrong)
     error = failure_of(tmp_path, room_images, camera=true_camera())
     assert error.failure is RegistrationFailure.IMPLAUSIBLE_POSES
+
+
+def test_what_colmap_cannot_write_is_an_error_of_the_system(
+    tmp_path: Path, room_images: list[np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RuntimeError("SQLite error: database or\n disk is full")
+
+    monkeypatch.setattr(features, "match_features", fails)
+    with pytest.raises(OSError, match="database or disk is full") as raised:
+        run(tmp_path, room_images[:3])
+    assert raised.value.filename.endswith("database.db")
 
 
 def test_jagged_path_is_refused() -> None:
