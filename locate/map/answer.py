@@ -9,7 +9,8 @@ class Answer(StrEnum):
 
     Example:
         >>> import locate
-        >>> locate.load_map("out").answer is locate.Answer.FOUND
+        >>> plume_map = locate.load_map("out")
+        >>> bool(plume_map.plumes) == (plume_map.answer is locate.Answer.FOUND)
         True
     """
 
@@ -41,6 +42,11 @@ class Obstacle:
         cause: For programs.
         why: A sentence for people.
         remedy: What to film instead, a sentence too.
+
+    Example:
+        >>> import locate
+        >>> for obstacle in locate.load_map("out").obstacles:
+        ...     assert obstacle.why and obstacle.remedy
     """
 
     cause: Cause

@@ -15,9 +15,11 @@ from geometry.errors import BadInputError
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 
 NAMES = (
+    "Answer",
     "Bearing",
     "LocateError",
     "Locator",
+    "Obstacle",
     "Plume",
     "PlumeMap",
     "RunConfig",
