@@ -21,6 +21,7 @@ from locate.commands.run import AGAIN, demo, run
 from locate.commands.simulate import simulate
 from locate.commands.survey import survey
 from locate.commands.train import train
+from locate.commands.view import view
 from locate.journal.progress import interruptible
 
 Given = ParamSpec("Given")
@@ -44,7 +45,7 @@ def _ending_in_one_line(command: Callable[Given, None]) -> Callable[Given, None]
 
 
 COMMANDS = (
-    *(run, demo, clean, survey, detect, adapt, simulate, evaluate, bos, pattern, train),
+    *(run, demo, view, clean, survey, detect, adapt, simulate, evaluate, bos, pattern, train),
     calibrate,
 )
 for command in COMMANDS:

@@ -8,9 +8,9 @@ from locate.pipeline.files import RunFiles
 from locate.pipeline.run_folder import RunFolder
 
 DISPENSABLE = {
-    "frames": "frames; further stages and clicks of known distances need them",
+    "frames": "frames; further stages, clicks of known distances and `locate view` need them",
     "poses": "reconstruction in a frame of its own",
-    "detections": "measurements; `locate survey` and `locate evaluate` need them",
+    "detections": "measurements; `locate survey`, `evaluate` and `view` need them",
 }
 """Stages whose results neither the map nor the report needs, and what these are."""
 
