@@ -4,6 +4,7 @@ import sqlite3
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,16 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.georeference import HeightDatum
+from locate.export.layer_styles import add_styles, marker, outline, single
 from locate.export.located import CONFIDENCE, georeference_of, plumes_on_earth
+from locate.export.report.layout import PLUME_COLORS
 from locate.map.plume import PlumeMap
 
 APPLICATION_ID = 0x47504B47
 USER_VERSION = 10300
 WGS84_2D = 4326
 POINT_Z, LINE, POLYGON = 1001, 2, 3
-SQL_TYPES = {bool: "BOOLEAN", int: "INTEGER", float: "REAL", str: "TEXT"}
+SQL_TYPES = {bool: "BOOLEAN", int: "INTEGER", float: "REAL", str: "TEXT", date: "DATE"}
 
 TABLES = """
 CREATE TABLE gpkg_spatial_ref_sys (
@@ -46,7 +49,7 @@ UNDEFINED = (
 
 
 def write_geopackage(path: Path, plume_map: PlumeMap) -> None:
-    """Writes the layers ``plumes`` (3D points) and ``plume_uncertainty`` (95 % ellipses).
+    """Writes the layers ``plumes`` (3D points) and ``plume_uncertainty`` (95 % ellipses), styled.
 
     The heights of the points are in the datum of the map: their reference system is EPSG:4979 for
     the ellipsoid, EPSG:9707 or 9518 for a named geoid, and else two-dimensional WGS84, where the
@@ -75,6 +78,13 @@ def write_geopackage(path: Path, plume_map: PlumeMap) -> None:
             [{"plume": p.plume.id, "confidence": CONFIDENCE} for p in plumes],
             [polygon_blob(ring) for ring in rings],
             np.concatenate([np.zeros((0, 2)), *rings]),
+        )
+        add_styles(
+            file,
+            {
+                "plumes": single(marker(PLUME_COLORS[0], 3.0), label="plume"),
+                "plume_uncertainty": single(outline(PLUME_COLORS[0], 0.5)),
+            },
         )
 
 
@@ -120,12 +130,12 @@ def add_layer(
         file: From `new_geopackage`.
         table: Its name.
         geometry: Kind of geometry, id of its reference system, 1 if it has heights or 0.
-        rows: The fields of each feature, all with the same names; NaN becomes NULL.
+        rows: The fields of each feature, all with the same names; None and NaN become NULL.
         blobs: The geometry of each.
         corners_lon_lat: (N, 2) of all of them, for the extent.
     """
     kind, srs, z = geometry
-    columns = {} if not rows else {name: SQL_TYPES[type(v)] for name, v in rows[0].items()}
+    columns = {name: _sql_type([row[name] for row in rows]) for name in (rows[0] if rows else ())}
     typed = "".join(f', "{name}" {sql}' for name, sql in columns.items())
     file.execute(
         f'CREATE TABLE "{table}" (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
@@ -145,7 +155,12 @@ def add_layer(
     for row, blob in zip(rows, blobs, strict=True):
         marks = ", ".join("?" * (1 + len(columns)))
         names = "".join(f', "{name}"' for name in columns)
-        file.execute(f'INSERT INTO "{table}" (geom{names}) VALUES ({marks})', (blob, *row.values()))
+        values = (v.isoformat() if isinstance(v, date) else v for v in row.values())
+        file.execute(f'INSERT INTO "{table}" (geom{names}) VALUES ({marks})', (blob, *values))
+
+
+def _sql_type(values: Sequence[Any]) -> str:
+    return next((SQL_TYPES[type(value)] for value in values if value is not None), "TEXT")
 
 
 def point_blob(srs: int, lon_lat_height: FloatArray) -> bytes:

@@ -32,12 +32,12 @@ FRAME, TIME = "frame", "recording_time"
 """The clocks of the timeline: index in the recording, and s from its start."""
 WORLD, CAMERA = "world", "world/camera"
 """Entities: space, and the camera in it, with its pictures below."""
-MEASURED = (f"{CAMERA}/evidence", f"{CAMERA}/displacement", f"{WORLD}/rays")
-"""Entities that are there only in frames that were measured."""
 FRUSTUM_SHARE = 0.15
 """Depth of the camera's pyramid, as a share of the median distance of the scene."""
 FARTHEST = 2.0
 """Length of the longest ray, in the same distance."""
+NOT_MEASURED = 128
+"""Grey level of the displacement in frames without one."""
 COLUMN_ALPHA = 70
 """Opacity of the surface of a plume, of 255."""
 
@@ -203,20 +203,27 @@ def _log_frame(
         )
         stream.log(CAMERA, world_from_cam)
     stream.log(f"{CAMERA}/frame", _encoded(frame.image, ".jpg", draw_order=0.0))
-    if frame.detection is None:
-        for name in MEASURED:
-            stream.log(name, rr.Clear(recursive=False))
-        return
-    evidence = evidence_layer(frame.detection.llr, run.full_scale_nats)
-    shift = displacement_picture(frame.detection.displacement, run.full_scale_px)
+    if frame.detection is None:  # the viewer goes on showing an encoded picture that is cleared
+        evidence = np.zeros((*frame.image.shape, 4), np.uint8)
+        shift = np.full(frame.image.shape, NOT_MEASURED, np.uint8)
+        stream.log(f"{WORLD}/rays", rr.Clear(recursive=False))
+    else:
+        evidence = evidence_layer(frame.detection.llr, run.full_scale_nats)
+        shift = displacement_picture(frame.detection.displacement, run.full_scale_px)
+        _log_rays(stream, run, row, frame.detection)
     stream.log(f"{CAMERA}/evidence", _encoded(evidence, ".png", draw_order=1.0))
     stream.log(f"{CAMERA}/displacement", _encoded(shift, ".png", draw_order=2.0))
+
+
+def _log_rays(
+    stream: "rerun.RecordingStream", run: ViewedRun, row: int, detection: Detection
+) -> None:
+    import rerun as rr
+
     if run.trajectory is not None:
-        rays = rays_of_evidence(
-            run.trajectory, row, frame.detection, longest=FARTHEST * run.scene_range
-        )
+        rays = rays_of_evidence(run.trajectory, row, detection, longest=FARTHEST * run.scene_range)
         colors = _heat(rays.llr / run.full_scale_nats)
-        stream.log(f"{WORLD}/rays", rr.LineStrips3D(rays.segments_in_world, colors=colors))
+        stream.log(f"{WORLD}/rays", rr.LineStrips3D(list(rays.segments_in_world), colors=colors))
 
 
 def _blueprint() -> "rerun.blueprint.Blueprint":

@@ -26,6 +26,7 @@ from locate.survey.frame import PlumeSighting, offset_of, sightings_of
 from locate.survey.model import Flight, ReferenceColumn, Survey, SurveySettings
 from locate.survey.moments import bin_of, bin_order
 from locate.survey.publish import publish_survey
+from locate.survey.raster import left_out_notes
 from locate.survey.wind import wind_of
 
 SURVEY, FLIGHTS, COVERAGES = "survey.json", "flights", "looks"
@@ -89,7 +90,7 @@ def _build_survey(
     column = {"displacement_px": displacement_px(settings, coverages)}
     begun = begun.model_copy(update={"column": begun.column.model_copy(update=column)})
     done, cells = fuse_flights(begun, coverages)
-    done = done.model_copy(update={"notes": (*done.notes, *notes)})
+    done = done.model_copy(update={"notes": (*done.notes, *notes, *left_out_notes())})
     publish_survey(output, done, cells)
     done.save(output / SURVEY)
     report("map", 1.0)

@@ -21,6 +21,8 @@ LEAN_RISE_M = 10.0
 """The line of a hotspot shows how far its column leans over this rise."""
 MARGIN = 0.06
 """Around the drawing, in shares of its longer side."""
+SCALE_STEPS = 64
+"""Colours of the scale beside the map."""
 EMPTY_M = 50.0
 """The longer side at least, for the margin."""
 
@@ -31,11 +33,15 @@ class MapLayer:
 
     Attributes:
         label: For people.
+        shows: What its colours mean.
+        top: The value of the strongest colour; 0 has the faintest.
         uri: A PNG as a data URI.
         west_north_size: x and y of its corner and its width and height, m; y points south.
     """
 
     label: str
+    shows: str
+    top: float
     uri: str
     west_north_size: tuple[float, float, float, float]
 
@@ -45,17 +51,30 @@ def layers_of(cells: CellGrid | None) -> list[MapLayer]:
     if cells is None:
         return []
     covered = cells.covered.sum(axis=0)
-    top = max(float(np.nanmax(cells.overall_probability[0], initial=0.0)), 1e-6)
-    values = {f"all flights (highest: {top:.2f})": cells.overall_probability[0] / top}
+    all_flights = cells.overall_probability[0]
+    values = {"all flights": all_flights}
     if len(cells.bins) > 1:
-        values |= {name: cells.in_bin(i) / top for i, name in enumerate(cells.bins)}
-    most = max(float(covered.max()), 1.0)
-    values[f"covering flights (most: {most:.0f})"] = np.where(covered > 0, covered / most, np.nan)
+        values |= {name: cells.in_bin(i) for i, name in enumerate(cells.bins)}
+    highest = max(float(np.nanmax(all_flights, initial=0.0)), 1e-6)
+    scales = dict.fromkeys(values, ("probability of a plume", highest))
+    values["covering flights"] = np.where(covered > 0, covered, np.nan)
+    scales["covering flights"] = ("covering flights", max(float(covered.max()), 1.0))
     window, place = _covered_window(cells)
     return [
-        MapLayer(label=name, uri=_png_uri(strength[window]), west_north_size=place)
+        MapLayer(
+            label=name,
+            shows=scales[name][0],
+            top=scales[name][1],
+            uri=_png_uri(strength[window] / scales[name][1]),
+            west_north_size=place,
+        )
         for name, strength in values.items()
     ]
+
+
+def colour_scale_uri() -> str:
+    """A PNG of the colours of a layer, from 0 to its top, as a data URI."""
+    return _png_uri(np.linspace(0, 1, SCALE_STEPS)[None])
 
 
 def _covered_window(

@@ -1,4 +1,4 @@
-"""A survey as a GeoPackage: hotspots, sightings, cells, flights."""
+"""A survey as a GeoPackage: hotspots, sightings, cells, flights, and their styles."""
 
 import re
 from pathlib import Path
@@ -19,10 +19,15 @@ from locate.export.geopackage import (
     point_blob,
     polygon_blob,
 )
+from locate.export.layer_styles import add_styles, area, graduated, line, marker, single
+from locate.export.report.pictures import heat_stops
 from locate.survey.cells import CellGrid
 from locate.survey.model import Survey
 from locate.survey.places import located_hotspots
 
+HOTSPOT_COLOR, SIGHTING_COLOR, FLIGHT_COLOR = "#009e73", "#1b1d21", "#0072b2"
+CLASSES = 5
+"""Of the probability of a cell."""
 RING = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
 
 
@@ -46,6 +51,24 @@ def write_layers(path: Path, survey: Survey, cells: CellGrid | None) -> None:
         )
         _add_cells(file, survey, cells)
         _add_flights(file, survey)
+        add_styles(file, _styles(cells))
+
+
+def _styles(cells: CellGrid | None) -> dict[str, str]:
+    """As map.html draws them."""
+    top = 1.0
+    if cells is not None:
+        top = max(float(np.nanmax(cells.overall_probability[0], initial=0.0)), 1e-6)
+    shades = [
+        area(color, opacity)
+        for color, opacity in zip(heat_stops(CLASSES), np.linspace(0.2, 0.9, CLASSES), strict=True)
+    ]
+    return {
+        "hotspots": single(marker(HOTSPOT_COLOR, 4.0), label="hotspot"),
+        "sightings": single(marker(SIGHTING_COLOR, 1.6)),
+        "cells": graduated("probability", np.linspace(0, top, CLASSES + 1).tolist(), shades),
+        "flights": single(line(FLIGHT_COLOR, 0.3)),
+    }
 
 
 def _lon_lat_height(frame: Georeference, points: list[Any]) -> FloatArray:
@@ -115,6 +138,7 @@ def _add_flights(file: Connection, survey: Survey) -> None:
     rows = [
         {
             "name": flight.name,
+            "date": None if flight.moment is None else flight.moment.local.date(),
             "hour": np.nan if flight.moment is None else flight.moment.hour,
             "day_of_year": np.nan if flight.moment is None else float(flight.moment.day_of_year),
             "plumes": len(flight.plume_map.plumes),

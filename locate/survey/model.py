@@ -1,6 +1,7 @@
 """What a survey keeps: survey.json, schema ``locate.survey/1``."""
 
 import json
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -76,6 +77,14 @@ class FlightMoment(SurveyBlock):
     hour: float = Field(ge=0, lt=24)
     day_of_year: int = Field(ge=1, le=366)
     basis: Literal["UTC", "recorder"]
+
+    @property
+    def local(self) -> datetime:
+        """The date, with `hour` as its time of day."""
+        stated = datetime.fromtimestamp(self.clock_s, UTC).replace(tzinfo=None)
+        midnight = stated.replace(hour=0, minute=0, second=0, microsecond=0)
+        near = (midnight + timedelta(days=days, hours=self.hour) for days in (-1, 0, 1))
+        return min(near, key=lambda moment: abs(moment - stated))
 
 
 class Flight(SurveyBlock):

@@ -7,16 +7,19 @@ from pathlib import Path
 from locate.export.html import definition_rows, html_table, list_items, read_resource, write_page
 from locate.export.table import probability_text
 from locate.survey.cells import CellGrid
-from locate.survey.drawing import draw_map, layers_of
+from locate.survey.drawing import MapLayer, colour_scale_uri, draw_map, layers_of
 from locate.survey.findings import Hotspot
 from locate.survey.model import Flight, Survey
 from locate.survey.places import LocatedHotspot, located_hotspots
 
+MARKS = (
+    ('<circle class="ring" r="5.5"/>', "hotspot, in the ring 95 times of 100"),
+    ('<line class="lean" x1="-6" y1="5" x2="6" y2="-5"/>', "lean of its columns in 10 m of rise"),
+    ('<circle class="sighting" r="3"/>', "sighting: a plume of one flight"),
+    ('<line class="flight" x1="-7" x2="7"/>', "flight"),
+)
+"""What the map draws, and what it means."""
 FLIGHT_HEADS = ("Flight", "When", "Plumes", "Lean", "")
-SPOT_HEADS = (
-    "Hotspot", "Latitude, longitude (WGS84)", "Height", "1 sigma east, north",
-    "Seen of covered", "Present with probability", "By season and hours", "No false alarm",
-)  # fmt: skip
 
 
 def write_map_page(path: Path, survey: Survey, cells: CellGrid | None) -> None:
@@ -25,8 +28,9 @@ def write_map_page(path: Path, survey: Survey, cells: CellGrid | None) -> None:
     spots = [_spot_row(place) for place in located_hotspots(survey)]
     fragments = {
         "choices": _choices([layer.label for layer in layers]),
+        "legend": _legend(layers),
         "map": draw_map(survey, layers),
-        "hotspots": html_table(SPOT_HEADS, spots) if spots else "<p>None.</p>",
+        "hotspots": html_table(_spot_heads(survey), spots) if spots else "<p>None.</p>",
         "flights": html_table(
             FLIGHT_HEADS, [_flight_row(survey, flight) for flight in survey.flights]
         ),
@@ -87,13 +91,36 @@ def _choices(labels: Sequence[str]) -> str:
     return f'<fieldset class="choices">{"".join(choices)}</fieldset>' if labels else ""
 
 
+def _legend(layers: Sequence[MapLayer]) -> str:
+    """The colours of each layer, of which the page shows the chosen one, and the marks."""
+    picture = f'<img src="{colour_scale_uri()}" alt="">' if layers else ""
+    scales = (
+        f'<p class="scale layer{" shown" if i == 0 else ""}" data-layer="layer{i}">0 {picture} '
+        f"{layer.top:.2g} {layer.shows}</p>"
+        for i, layer in enumerate(layers)
+    )
+    marks = (
+        f'<li><svg class="mark" viewBox="-8 -8 16 16" aria-hidden="true">{mark}</svg> {text}</li>'
+        for mark, text in MARKS
+    )
+    return f'{"".join(scales)}<ul class="marks">{"".join(marks)}</ul>'
+
+
+def _spot_heads(survey: Survey) -> tuple[str, ...]:
+    return (
+        "Hotspot", "Latitude, longitude (WGS84)", f"Height above {survey.frame.datum.words}",
+        "1 sigma east, north", "Seen of covered", "Present with probability",
+        "By season and hours", "No false alarm",
+    )  # fmt: skip
+
+
 def _spot_row(place: LocatedHotspot) -> list[str]:
     fields, spot = place.properties(), place.hotspot
     total = spot.occurrence[0]
     return [
         str(spot.id),
         f"{place.lat_deg:.6f}, {place.lon_deg:.6f}",
-        f"{place.height_m:.1f} m above {place.datum.words}",
+        f"{place.height_m:.1f} m",
         f"{fields['sigma_east_m']:.2g} m, {fields['sigma_north_m']:.2g} m",
         f"{total.seen:.0f} of {total.looked:.0f}",
         f"{total.probability:.2f} ({total.low:.2f} to {total.high:.2f})",
@@ -112,10 +139,7 @@ def _flight_row(survey: Survey, flight: Flight) -> list[str]:
     if flight.failure is not None:
         return [flight.name, "", "", "", f"left out: {flight.failure}"]
     wind = next((wind for wind in survey.winds if wind.flight == flight.name), None)
-    when = "not known"
-    if flight.moment is not None:
-        hour, minute = divmod(round(60 * flight.moment.hour) % (24 * 60), 60)
-        when = f"{hour:02d}:{minute:02d}, day {flight.moment.day_of_year}"
+    when = "not known" if flight.moment is None else f"{flight.moment.local:%Y-%m-%d %H:%M}"
     lean = ""
     if wind is not None:
         size = float((wind.lean[0] ** 2 + wind.lean[1] ** 2) ** 0.5)

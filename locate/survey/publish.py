@@ -1,11 +1,9 @@
 """A survey as files for people and for other programs."""
 
 import json
-import logging
 from pathlib import Path
 
 from geometry.atomic import atomic_path
-from geometry.errors import LocateError
 from locate.export.geojson import collection_of
 from locate.export.waypoints import write_cup_places, write_gpx_places
 from locate.survey.cells import CellGrid
@@ -13,16 +11,15 @@ from locate.survey.layers import write_layers
 from locate.survey.model import Survey
 from locate.survey.page import write_map_page
 from locate.survey.places import located_hotspots
-from locate.survey.raster import write_raster
+from locate.survey.raster import left_out_notes, write_raster
 
 RASTER = "updraft.tif"
-log = logging.getLogger("locate")
 
 
 def publish_survey(output: Path, survey: Survey, cells: CellGrid | None) -> None:
     """Writes map.html, survey.gpkg, updraft.tif and the hotspots as GeoJSON, CUP and GPX.
 
-    Without the extra ``survey`` there is no raster; the log notes it.
+    Without the extra ``survey`` there is no raster; see `left_out_notes`.
     """
     places = located_hotspots(survey)
     with atomic_path(output / "hotspots.geojson") as path:
@@ -34,15 +31,8 @@ def publish_survey(output: Path, survey: Survey, cells: CellGrid | None) -> None
     with atomic_path(output / "survey.gpkg") as path:
         write_layers(path, survey, cells)
     (output / RASTER).unlink(missing_ok=True)
-    if cells is not None:
-        _write_raster(output / RASTER, survey, cells)
+    if cells is not None and not left_out_notes():
+        with atomic_path(output / RASTER) as path:
+            write_raster(path, survey, cells)
     with atomic_path(output / "map.html") as path:
         write_map_page(path, survey, cells)
-
-
-def _write_raster(path: Path, survey: Survey, cells: CellGrid) -> None:
-    try:
-        with atomic_path(path) as unfinished:
-            write_raster(unfinished, survey, cells)
-    except LocateError as error:
-        log.warning(str(error))

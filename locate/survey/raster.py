@@ -1,13 +1,11 @@
 """The cells as a GeoTIFF."""
 
-import importlib
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.errors import LocateError
 from geometry.georeference import Georeference
 from locate.survey.cells import CellGrid
 from locate.survey.model import Survey
@@ -15,16 +13,24 @@ from locate.survey.model import Survey
 EARTH_RADIUS_M = 6_371_000.0
 
 
+def left_out_notes() -> tuple[str, ...]:
+    """What to tell where the raster cannot be written for want of the extra ``survey``."""
+    try:
+        missing = find_spec("rasterio") is None
+    except ValueError:  # forbidden by a test
+        missing = True
+    what = "updraft.tif was left out: pip install 'plume-locate[survey]', then map anew"
+    return (what,) if missing else ()
+
+
 def write_raster(path: Path, survey: Survey, cells: CellGrid) -> None:
     """Writes float32 bands, north up, NaN where nothing was covered; each band has a description.
 
     The projection is a transverse Mercator about the survey's origin, true to scale at the
     origin's height: within a few kilometres its metres are those of the survey's frame.
-
-    Raises:
-        LocateError: The extra ``survey`` is not installed.
     """
-    rasterio = _import_rasterio()
+    import rasterio
+
     bands = _raster_bands(survey, cells)
     rows, columns = cells.shape
     cell_m = cells.cell_m
@@ -48,21 +54,17 @@ def write_raster(path: Path, survey: Survey, cells: CellGrid) -> None:
 
 
 def raster_projection(frame: Georeference) -> str:
-    """The raster's reference system, as PROJ writes it."""
-    scale = 1 + frame.height_m / EARTH_RADIUS_M
-    return (
-        f"+proj=tmerc +lat_0={frame.lat_deg:.12g} +lon_0={frame.lon_deg:.12g} +k={scale:.9f} "
-        "+x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
+    """The raster's reference system, named, as WKT 2."""
+    from pyproj.crs import CRS, ProjectedCRS
+    from pyproj.crs.coordinate_operation import TransverseMercatorConversion
+
+    mercator = TransverseMercatorConversion(
+        latitude_natural_origin=frame.lat_deg,
+        longitude_natural_origin=frame.lon_deg,
+        scale_factor_natural_origin=1 + frame.height_m / EARTH_RADIUS_M,
     )
-
-
-def _import_rasterio() -> Any:
-    try:
-        return importlib.import_module("rasterio")
-    except ImportError as error:
-        raise LocateError(
-            "updraft.tif needs the extra: pip install 'plume-locate[survey]'"
-        ) from error
+    name = f"WGS 84 / Transverse Mercator about {frame.lat_deg:.6f}, {frame.lon_deg:.6f}"
+    return ProjectedCRS(mercator, name=name, geodetic_crs=CRS("EPSG:4326")).to_wkt()
 
 
 def _raster_bands(survey: Survey, cells: CellGrid) -> dict[str, FloatArray]:

@@ -3,17 +3,20 @@
 import json
 import re
 import sqlite3
-from datetime import datetime
+from datetime import UTC, datetime
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
 from locate.survey.build import build_survey
-from locate.survey.model import Survey, SurveySettings
+from locate.survey.model import FlightMoment, Survey, SurveySettings
+from locate.survey.page import write_map_page
 from tests.locate.survey_runs import FIELD, Flown, write_run
 
 SITES = np.array([[7.5, 12.5, 0.0], [-7.5, -17.5, 0.0]])  # in the middle of a cell
@@ -41,7 +44,8 @@ def lon_lat(points: np.ndarray) -> np.ndarray:
 def gdal(path: Path, layer: str) -> tuple[dict[str, Any], list[Any], dict[str, Any]]:
     pyogrio = pytest.importorskip("pyogrio.raw")
     meta, _, geometry, fields = pyogrio.read(path, layer=layer)
-    return meta, list(geometry), dict(zip(meta["fields"], fields, strict=True))
+    shapes = [] if geometry is None else list(geometry)
+    return meta, shapes, dict(zip(meta["fields"], fields, strict=True))
 
 
 def test_gdal_reads_every_layer(done: tuple[Survey, Path]) -> None:
@@ -58,6 +62,7 @@ def test_gdal_reads_every_layer(done: tuple[Survey, Path]) -> None:
     assert meta["geometry_type"] == "LineString"
     assert len(paths) == 2
     assert fields["hour"].tolist() == pytest.approx([10, 19], abs=0.01)
+    assert fields["date"].astype(str).tolist() == ["2026-07-01", "2026-01-20"]
     meta, cells, fields = gdal(path, "cells")
     assert meta["geometry_type"] == "Polygon"
     assert len(cells) == len(fields["probability"]) > 50
@@ -68,6 +73,41 @@ def test_gdal_reads_every_layer(done: tuple[Survey, Path]) -> None:
         assert file.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         assert file.execute("PRAGMA foreign_key_check").fetchall() == []
     file.close()
+
+
+def test_styles_are_in_the_table_of_qgis(done: tuple[Survey, Path]) -> None:
+    _, output = done
+    meta, _, fields = gdal(output / "survey.gpkg", "layer_styles")
+    assert meta["geometry_type"] is None
+    assert fields["f_table_name"].tolist() == ["hotspots", "sightings", "cells", "flights"]
+    assert set(fields["f_geometry_column"]) == {"geom"}
+    assert fields["useAsDefault"].astype(bool).all()
+    styles = dict(zip(fields["f_table_name"], fields["styleQML"], strict=True))
+    for layer, qml in styles.items():
+        renderer = ElementTree.fromstring(qml).find("renderer-v2")
+        assert renderer is not None
+        symbols = renderer.findall("symbols/symbol")
+        meta, _, values = gdal(output / "survey.gpkg", layer)
+        kind = {"Point Z": "marker", "LineString": "line", "Polygon": "fill"}
+        assert {symbol.get("type") for symbol in symbols} == {kind[meta["geometry_type"]]}
+        if layer == "cells":
+            field, ranges = renderer.get("attr"), renderer.findall("ranges/range")
+            assert [part.get("symbol") for part in ranges] == [s.get("name") for s in symbols]
+            highest = np.nanmax(values[field])
+            assert float(ranges[-1].get("upper", "nan")) == pytest.approx(highest)
+
+
+def test_the_raster_names_its_reference_system(done: tuple[Survey, Path]) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    tifffile = pytest.importorskip("tifffile")
+    _, output = done
+    name = "WGS 84 / Transverse Mercator about 47.000000, 8.000000"
+    with rasterio.open(output / "updraft.tif") as file:
+        assert file.crs.to_wkt().startswith(f'PROJCS["{name}",GEOGCS["WGS 84",')
+    with tifffile.TiffFile(output / "updraft.tif") as file:
+        keys = file.geotiff_metadata
+    assert keys["GTCitationGeoKey"] == name
+    assert keys["GeographicTypeGeoKey"] == 4326
 
 
 def test_tifffile_and_pyproj_find_the_hotspot_in_the_raster(done: tuple[Survey, Path]) -> None:
@@ -179,10 +219,38 @@ def test_without_the_extra_there_is_no_raster_and_all_else(
 ) -> None:
     run = write_run(tmp_path, Flown(name="alone", feet=SITES))
     monkeypatch.setitem(__import__("sys").modules, "rasterio", None)
-    build_survey([run], tmp_path / "out")
+    without = build_survey([run], tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert "updraft.tif" not in names
     assert {"map.html", "survey.gpkg", "survey.json", "hotspots.cup"} <= names
+    told = "updraft.tif was left out: pip install 'plume-locate[survey]', then map anew"
+    assert told in without.notes
+    assert escape(told) in (tmp_path / "out" / "map.html").read_text()
+
+
+def test_the_page_has_dates_a_legend_and_the_datum(done: tuple[Survey, Path]) -> None:
+    survey, output = done
+    text = (output / "map.html").read_text()
+    assert "2026-07-01 10:00" in text
+    assert "2026-01-20 19:00" in text
+    assert "day 1" not in text
+    scales = re.findall(r'<p class="scale layer( shown)?" data-layer="(\w+)">', text)
+    layers = re.findall(r'<image id="(\w+)" class="layer', text)
+    assert [layer for _, layer in scales] == layers
+    assert [shown for shown, _ in scales] == [" shown"] + [""] * (len(layers) - 1)
+    assert "Height above mean sea level" in text
+    unknown = survey.frame.to_dict() | {"height_datum": "unknown"}
+    write_map_page(output / "unknown.html", survey.model_copy(update={"origin": unknown}), None)
+    assert "Height above a datum that is not stated" in (output / "unknown.html").read_text()
+
+
+@pytest.mark.parametrize("hour", [23.9, 0.1, 12.0])
+def test_the_local_date_is_that_of_the_local_hour(hour: float) -> None:
+    """By the Earth's turn the date is a day off where solar midnight lies between."""
+    clock = datetime(2026, 1, 1, 11, 30, tzinfo=UTC)
+    moment = FlightMoment(clock_s=clock.timestamp(), hour=hour, day_of_year=1, basis="UTC")
+    assert abs((moment.local - clock.replace(tzinfo=None)).total_seconds()) <= 12.5 * 3600
+    assert moment.local.hour == int(hour)
 
 
 @pytest.mark.parametrize("name", ["../../victim", "a/b", "..", ""])

@@ -20,6 +20,7 @@ from locate.commands import view as command
 from locate.commands.app import app
 from locate.export.rays import rays_of_evidence
 from locate.export.report.scene import N_SIGMA
+from locate.export.viewing import NOT_MEASURED
 from locate.map.plume import Bearing, PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.detections import DetectionIndex
@@ -153,11 +154,23 @@ def test_both_clocks_are_there_and_every_frame_has_its_picture(recording: Record
     assert list(pictures) == orbit().indices.tolist()
 
 
-@pytest.mark.parametrize("entity", ["/camera/evidence", "/camera/displacement", "/rays"])
-def test_what_was_measured_is_shown_in_no_other_frame(recording: Recording, entity: str) -> None:
-    shown = "LineStrips3D:strips" if entity == "/rays" else "EncodedImage:blob"
-    assert set(recording.by_frame(entity, shown)) == set(MEASURED)
-    cleared = set(recording.by_frame(entity, "Clear:is_recursive"))
+@pytest.mark.parametrize(
+    ("entity", "empty"), [("/camera/evidence", 0), ("/camera/displacement", NOT_MEASURED)]
+)
+def test_pictures_of_what_was_not_measured_are_empty(
+    recording: Recording, entity: str, empty: int
+) -> None:
+    pictures = recording.by_frame(entity, "EncodedImage:blob")
+    for index, blob in pictures.items():
+        shown = cv2.imdecode(np.array(blob[0], np.uint8), cv2.IMREAD_UNCHANGED)
+        assert shown.shape[:2] == (48, 64)
+        assert (shown != empty).any() == (index in MEASURED)
+    assert list(pictures) == orbit().indices.tolist()
+
+
+def test_rays_are_of_measured_frames_alone(recording: Recording) -> None:
+    assert set(recording.by_frame("/rays", "LineStrips3D:strips")) == set(MEASURED)
+    cleared = set(recording.by_frame("/rays", "Clear:is_recursive"))
     assert cleared == set(orbit().indices.tolist()) - set(MEASURED)
 
 

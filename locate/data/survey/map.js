@@ -24,7 +24,9 @@
   map.addEventListener("dblclick", () => { view = [...whole]; show(); });
   for (const choice of document.querySelectorAll(".choices input")) {
     choice.addEventListener("change", () => {
-      for (const layer of map.querySelectorAll(".layer")) layer.classList.toggle("shown", layer.id === choice.value);
+      for (const layer of document.querySelectorAll(".layer")) {
+        layer.classList.toggle("shown", (layer.dataset.layer ?? layer.id) === choice.value);
+      }
     });
   }
 })();

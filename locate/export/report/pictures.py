@@ -33,10 +33,10 @@ def evidence_uri(llr: FloatMap, size: tuple[int, int], full_scale_nats: float) -
 
 
 def heat_stops(count: int = 8) -> list[str]:
-    """CSS colours from no evidence to full scale."""
+    """Colours from no evidence to full scale, ``#rrggbb``."""
     strength = np.linspace(0, 1, count, dtype=np.float32)[None]
     rows = heat_colours(strength)[0]
-    return [f"rgb({red},{green},{blue})" for blue, green, red in rows.tolist()]
+    return [f"#{red:02x}{green:02x}{blue:02x}" for blue, green, red in rows.tolist()]
 
 
 def full_scale_nats(maps: list[FloatMap]) -> float:
