@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from locate.pipeline.config import RunConfig
     from locate.robot.locator import Locator
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Answer",

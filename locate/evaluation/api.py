@@ -18,7 +18,7 @@ def evaluate(output: str | Path, truth: str | Path) -> Evaluation:
     Raises:
         BadInputError: The map or the truth cannot be read, or they share too few frames.
 
-    Example:
+    Examples:
         >>> import locate
         >>> evaluation = locate.evaluate("out", "scene")
         >>> evaluation.units

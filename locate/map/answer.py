@@ -7,7 +7,7 @@ from enum import StrEnum
 class Answer(StrEnum):
     """What a map says of plumes; the value is its name in map.json.
 
-    Example:
+    Examples:
         >>> import locate
         >>> plume_map = locate.load_map("out")
         >>> bool(plume_map.plumes) == (plume_map.answer is locate.Answer.FOUND)

@@ -42,7 +42,7 @@ class Plume:
             bends light away from its axis (hot air, hydrogen, helium), ``"higher"`` where towards
             it (cold air, methane, propane, carbon dioxide); None where the views do not agree.
 
-    Example:
+    Examples:
         >>> import locate
         >>> for plume in locate.load_map("out").plumes:
         ...     assert plume.source.shape == (3,)
@@ -95,7 +95,7 @@ class Bearing:
             what moves by itself, such as leaves.
         displacement_px: Mean displacement it causes.
 
-    Example:
+    Examples:
         >>> import locate
         >>> for bearing in locate.load_map("out").bearings:
         ...     right, down, forward = bearing.direction_in_cam
@@ -128,7 +128,7 @@ class PlumeMap:
         detector: Name of the detector.
         version: Version of this program.
 
-    Example:
+    Examples:
         >>> import locate
         >>> plume_map = locate.load_map("out")
         >>> plume_map.save("copy.json")

@@ -35,7 +35,7 @@ def run(
         BadInputError: Something given cannot be used.
         RegistrationError: The frames could not be registered; the error names the cause.
 
-    Example:
+    Examples:
         >>> import locate
         >>> plume_map = locate.run("video.mkv", "out", max_frames=14)
         >>> plume_map.units
@@ -57,7 +57,7 @@ def load_map(path: str | Path) -> PlumeMap:
     Raises:
         BadInputError: The file is missing, not JSON, or not a map of this version.
 
-    Example:
+    Examples:
         >>> import locate
         >>> plume_map = locate.load_map("out")
         >>> [plume.id for plume in plume_map.plumes] == list(range(1, len(plume_map.plumes) + 1))

@@ -45,7 +45,7 @@ class RunConfig(BaseModel):
         detection_frames: In how many of them refraction is measured.
         seed: Of the random choices after structure from motion, whose own is fixed.
 
-    Example:
+    Examples:
         >>> import locate
         >>> config = locate.RunConfig(recording="video.mp4", focal_px=1450, max_frames=60)
         >>> config.detector

@@ -58,7 +58,7 @@ class Locator:
             `detect.registry`, with the settings' neighbours, in `detector_workers` processes.
         threaded: False runs the detector inside `feed` and drops no frame: for recordings.
 
-    Example:
+    Examples:
         >>> import locate
         >>> import numpy as np
         >>> from geometry.camera import Camera
