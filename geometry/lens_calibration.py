@@ -10,6 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from geometry.angle_of_view import refuse_wide_lens
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
@@ -25,8 +26,6 @@ LEAST_COVER = 0.5
 """Share of the width and of the height that the corners of all pictures must span."""
 MOST_RMS_PX = 1.5
 """Error of a fit from which the board is bent, blurred or not the stated one; by hand."""
-WIDEST_DEG = 120.0
-"""Angle of view that a run can flatten to a pinhole's picture."""
 _ZERO = cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
 _FLAGS = {"pinhole": _ZERO | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2, "radial": _ZERO}
 
@@ -104,12 +103,7 @@ def calibrate_lens(
             f"the corners are {rms_px:.1f} px off (at most {MOST_RMS_PX:g}): a board that is bent, "
             "pictures that are blurred, another --board, or another --lens"
         )
-    angle_deg = angle_of_view_deg(camera)
-    if angle_deg > WIDEST_DEG:
-        raise BadInputError(
-            f"this lens sees {angle_deg:.0f} degrees; wide lenses beyond {WIDEST_DEG:.0f} degrees "
-            "are not supported: film with a narrower one, or crop the recording"
-        )
+    refuse_wide_lens(camera)
     return LensCalibration(
         camera=camera,
         lens=chosen,
@@ -117,17 +111,6 @@ def calibrate_lens(
         others_px=fitted[chosen],
         residuals_px=residuals,
     )
-
-
-def angle_of_view_deg(camera: Camera) -> float:
-    """The larger of the angles between the middles of opposite edges, deg."""
-    right, low = camera.width - 1, camera.height - 1
-    pairs = [[(0, low / 2), (right, low / 2)], [(right / 2, 0), (right / 2, low)]]
-    angles = []
-    for pair in pairs:
-        first, second = camera.rays(np.array(pair, dtype=float))
-        angles.append(np.degrees(np.arccos(np.clip(first @ second, -1, 1))))
-    return float(max(angles))
 
 
 def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: LensName) -> Camera:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from geometry.angle_of_view import refuse_wide_lens
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
@@ -68,7 +69,8 @@ class NamedPoses:
             and (M,) the rows of those frames.
 
         Raises:
-            BadInputError: Fewer than two frames have a pose, or the camera has another aspect.
+            BadInputError: Fewer than two frames have a pose, or the camera has another aspect, or
+                sees more than 120 degrees.
         """
         stamps_s = _stamps_in_names(sources)
         by_time = self._by_time(times_s if stamps_s is None else stamps_s)
@@ -83,6 +85,7 @@ class NamedPoses:
         taken = self.trajectory.take([pose_of[int(row)] for row in rows])
         try:
             camera = taken.camera if size is None else resize_camera(taken.camera, *size)
+            refuse_wide_lens(camera)
         except BadInputError as error:
             raise BadInputError(f"{self.path}: {error}") from error
         matched = replace(taken, camera=camera, indices=indices[rows], times_s=times_s[rows])
@@ -134,13 +137,16 @@ def read_camera(path: Path, width: int, height: int) -> Camera:
     """The camera of a JSON file, or of its `camera` block, for images of that size.
 
     Raises:
-        BadInputError: The file cannot be read, is none, or the aspect is another.
+        BadInputError: The file cannot be read, is none, the aspect is another, or the lens sees
+            more than 120 degrees.
     """
     try:
         content = parse_json(path.read_text())
-        return resize_camera(Camera.from_dict(content.get("camera", content)), width, height)
+        camera = resize_camera(Camera.from_dict(content.get("camera", content)), width, height)
+        refuse_wide_lens(camera)
     except (OSError, ValueError, AttributeError, BadInputError) as error:
         raise BadInputError(f"{path}: not a camera file ({error})") from error
+    return camera
 
 
 def _stamps_in_names(sources: Sequence[str]) -> FloatArray | None:

@@ -9,6 +9,7 @@ import pycolmap
 
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
+from geometry.lens_calibration import LensName
 
 MAX_FEATURES = 1500
 """Most SIFT features of an image."""
@@ -20,6 +21,15 @@ FINE_FIRST_OCTAVE = -1
 """First octave of the second attempt: -1 doubles the image."""
 DEFAULT_FOCAL_FACTOR = 1.2
 """Focal length over the longest side where nothing is known, COLMAP's default."""
+FISHEYE_FOCAL_FACTOR = 0.6
+"""The same of a fisheye: 95 degrees along the longest side; chosen."""
+MODELS: dict[LensName | None, str] = {
+    None: "SIMPLE_RADIAL",
+    "pinhole": "SIMPLE_PINHOLE",
+    "radial": "RADIAL",
+    "fisheye": "RADIAL_FISHEYE",
+}
+"""COLMAP's model of a lens that is estimated with the poses."""
 EXHAUSTIVE_UP_TO = 60
 """Most images of which every pair is matched."""
 SEED = 0
@@ -143,14 +153,20 @@ def read_pairs(database: Path, names: Sequence[str]) -> list[MatchedPair]:
 
 
 def starting_camera(
-    width: int, height: int, camera: Camera | None, focal_prior_px: float | None
+    width: int,
+    height: int,
+    camera: Camera | None,
+    focal_prior_px: float | None,
+    lens: LensName | None = None,
 ) -> pycolmap.Camera:
     """The camera to start from: given, from a focal prior, or a guess of the field of view."""
     if camera is not None:
         known = camera.to_colmap()
         known.has_prior_focal_length = True
         return known
-    focal_px = focal_prior_px or DEFAULT_FOCAL_FACTOR * max(width, height)
-    guess = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", focal_px, width, height)
-    guess.has_prior_focal_length = focal_prior_px is not None
+    factor = FISHEYE_FOCAL_FACTOR if lens == "fisheye" else DEFAULT_FOCAL_FACTOR
+    focal_px = focal_prior_px or factor * max(width, height)
+    guess = pycolmap.Camera.create_from_model_name(1, MODELS[lens], focal_px, width, height)
+    # No fundamental matrix holds for a fisheye; with a prior, COLMAP verifies by the essential one.
+    guess.has_prior_focal_length = focal_prior_px is not None or lens == "fisheye"
     return guess

@@ -11,9 +11,11 @@ import cv2
 import numpy as np
 import pycolmap
 
+from geometry.angle_of_view import refuse_wide_lens
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.lens_calibration import LensName
 from geometry.sfm import checks, features, mapping, result, summary
 from geometry.sfm.covariance import pose_covariances
 from geometry.sfm.gauge import normalising_transform
@@ -69,6 +71,7 @@ def reconstruct(
     *,
     camera: Camera | None = None,
     focal_prior_px: float | None = None,
+    lens: LensName | None = None,
     workdir: Path,
     ordered: bool = True,
     progress: Progress | None = None,
@@ -84,13 +87,15 @@ def reconstruct(
         times_s: (N,) time of each.
         camera: A known camera, kept as it is.
         focal_prior_px: Focal length from metadata, refined and checked; ignored with `camera`.
+        lens: What is estimated of the lens without `camera`; by default one radial term.
         workdir: Where the database and the COLMAP model (``model/``) go.
         ordered: Frames of a video. Photos are each matched with every other instead, up to 60;
             more are matched with those near them in the order of `names`, as a video is.
         progress: Called with a stage name and the fraction of the whole call, which never falls.
 
     Raises:
-        BadInputError: An image cannot be read or does not fit the camera.
+        BadInputError: An image cannot be read or does not fit the camera, or the lens sees more
+            than 120 degrees.
         RegistrationError: The frames cannot be registered; the cause is named.
         OSError: COLMAP cannot write or read its files.
     """
@@ -99,11 +104,11 @@ def reconstruct(
     names = list(names)
     if len(names) < checks.MIN_FRAMES:
         raise checks.registration_error(RegistrationFailure.TOO_FEW_FRAMES, f"{len(names)} frames")
-    start = features.starting_camera(*_image_size(image_dir / names[0]), camera, focal_prior_px)
-    if camera is not None and (start.width, start.height) != _image_size(image_dir / names[0]):
+    size = _image_size(image_dir / names[0])
+    start = features.starting_camera(*size, camera, focal_prior_px, lens)
+    if camera is not None and (start.width, start.height) != size:
         raise BadInputError(
-            f"the camera is for {camera.width}x{camera.height} images, "
-            f"{names[0]} is {_image_size(image_dir / names[0])}"
+            f"the camera is for {camera.width}x{camera.height} images, {names[0]} is {size}"
         )
     workdir.mkdir(parents=True, exist_ok=True)
     database = workdir / "database.db"
@@ -289,6 +294,7 @@ def _finish_reconstruction(
     side = max(camera.width, camera.height)
     if job.refine:
         checks.check_focal(camera.mean_focal_length(), focal_prior_px, side)
+        refuse_wide_lens(Camera.from_colmap(camera))
     rows, ids = summary.rows_and_ids(model, job.names)
     raw = summary.model_trajectory(model, ids, indices[rows], times_s[rows])
     points, errors_px, visible = summary.sparse_points(model, ids)

@@ -1,14 +1,13 @@
 """`locate calibrate`."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from locate.commands.console import err, out
 from locate.journal.progress import progress_bars
-
-Lens = Literal["auto", "pinhole", "radial", "fisheye"]
+from locate.pipeline.config import Lens
 
 
 def calibrate(

@@ -10,7 +10,7 @@ from geometry.errors import BadInputError
 from locate.commands.console import WEIGHTS, Output, Verbose, err, out
 from locate.journal.log import log_to_file
 from locate.journal.progress import progress_bars, silent
-from locate.pipeline.config import DetectorName, RunConfig, read_settings
+from locate.pipeline.config import DetectorName, Lens, RunConfig, read_settings
 
 RECORDING = "Recording: locate run film.mp4 -o out --shot 2 --max-frames 60"
 CAMERA = "Camera and poses: locate run film.mp4 -o out --focal 1450"
@@ -78,6 +78,14 @@ def run(
         Path | None,
         typer.Option(
             help="A JSON file with a camera block as in trajectory.json.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = None,
+    lens: Annotated[
+        Lens | None,
+        typer.Option(
+            help="What is estimated of a lens that is not known.",
+            show_default=_usual("lens"),
             rich_help_panel=CAMERA,
         ),
     ] = None,
@@ -177,6 +185,7 @@ def run(
         "poses": poses,
         "camera": camera,
         "focal_px": focal,
+        "lens": lens,
         "telemetry": telemetry,
         "telemetry_offset_s": telemetry_offset,
         "camera_height_m": camera_height,

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.angle_of_view import refuse_wide_lens
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 
@@ -32,7 +33,8 @@ def camera_from_info(message: Any, *, rectified: bool = False) -> Camera:
         rectified: The images are rectified: the projection matrix holds, without distortion.
 
     Raises:
-        BadInputError: It is not calibrated, or its distortion model is not known.
+        BadInputError: It is not calibrated, its distortion model is not known, or the lens sees
+            more than 120 degrees.
     """
     matrix = _calibration_matrix(message, rectified=rectified)
     if not is_calibrated(message, rectified=rectified):
@@ -57,12 +59,14 @@ def camera_from_info(message: Any, *, rectified: bool = False) -> Camera:
         coefficients = np.array(_read_field(message, "d"), dtype=float)
         model, more = _convert_distortion(message.distortion_model, coefficients)
     params = (*focal_and_centre, *more)
-    return Camera(
+    camera = Camera(
         model=model,
         width=width // across,
         height=height // down,
         params=tuple(float(value) for value in params),
     )
+    refuse_wide_lens(camera)
+    return camera
 
 
 def is_calibrated(message: Any, *, rectified: bool = False) -> bool:

@@ -15,6 +15,7 @@ from geometry.yaml_text import parse_yaml
 SCHEMA = "locate.run/1"
 BESIDE = ("schema", "version")
 """What config.yaml holds besides settings."""
+Lens = Literal["auto", "pinhole", "radial", "fisheye"]
 DetectorName = Literal["auto", "registered", "registered-plain", "bos", "dybs"]
 
 
@@ -30,6 +31,8 @@ class RunConfig(BaseModel):
             from motion then.
         camera: A JSON file with a ``camera`` block as in trajectory.json.
         focal_px: Focal length in px of the recording's own size.
+        lens: What is estimated of a lens that is not known: one radial term by default, nothing
+            (``pinhole``), two radial terms, or those of a ``fisheye``.
         telemetry: A file that says where the camera was; the recording's own metadata and files
             of its name if left out.
         telemetry_offset_s: Its time minus the video's; estimated from the motion if left out.
@@ -60,6 +63,7 @@ class RunConfig(BaseModel):
     poses: Path | None = None
     camera: Path | None = None
     focal_px: float | None = Field(default=None, gt=0)
+    lens: Lens = "auto"
     telemetry: Path | None = None
     telemetry_offset_s: float | None = Field(default=None, allow_inf_nan=False)
     image_topic: str | None = None

@@ -60,6 +60,7 @@ def reconstruct_poses(
         key_frames.times_s,
         camera=source.known_camera(key_frames),
         focal_prior_px=source.focal_prior_px(key_frames),
+        lens=source.estimated_lens,
         workdir=target.sfm,
         ordered=key_frames.is_video,
         name="structure from motion",

@@ -6,6 +6,7 @@ from typing import Any, Self
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.lens_calibration import LensName
 from geometry.named_poses import NamedPoses, read_camera, resize_camera
 from geometry.pose_files import read_named_poses
 from locate.messages.bags import TopicChoice, is_bag
@@ -37,19 +38,24 @@ class RecordingSource:
         """The source that a run is asked to read.
 
         Raises:
-            BadInputError: An option of bags was given for something else.
+            BadInputError: An option of bags was given for something else, or a lens to be
+                estimated where the camera is known.
         """
         if is_bag(config.recording):
             topics = TopicChoice(image=config.image_topic, pose=config.pose_topic)
             frame = config.world_frame
             wiring = Wiring() if frame is None else Wiring(world_frame=frame)
             bag = BagRecording(path=config.recording, topics=topics, wiring=wiring)
-            return cls(config=config, bag=bag)
+            source = cls(config=config, bag=bag)
+            source._refuse_lens_of_known_camera()
+            return source
         asked = [name for name in BAG_OPTIONS if getattr(config, name) is not None]
         if asked:
             option = f"--{asked[0].replace('_', '-')}"
             raise BadInputError(f"{config.recording}: is no bag; leave {option} out")
-        return cls(config=config, bag=None)
+        source = cls(config=config, bag=None)
+        source._refuse_lens_of_known_camera()
+        return source
 
     def open_frames(self, max_side: int) -> Recording:
         """The frames, none longer than `max_side` px.
@@ -69,6 +75,11 @@ class RecordingSource:
         if self.bag is not None and self.bag.camera is not None:
             return resize_camera(self.bag.camera, *size)
         return None
+
+    @property
+    def estimated_lens(self) -> LensName | None:
+        """What is to be estimated of a lens that is not known; None for the usual."""
+        return None if self.config.lens == "auto" else self.config.lens
 
     def focal_prior_px(self, key_frames: KeyFrames) -> float | None:
         """The focal length in px of the key frames, as given or by metadata."""
@@ -122,10 +133,20 @@ class RecordingSource:
             name: None if path is None else fingerprint_path(path)
             for name, path in (("poses", config.poses), ("camera", config.camera))
         }
-        inputs["focal_px"] = config.focal_px
+        inputs |= {"focal_px": config.focal_px, "lens": config.lens}
         if self.bag is not None:
             inputs |= {"pose_topic": config.pose_topic, "world_frame": config.world_frame}
         return inputs
+
+    def _refuse_lens_of_known_camera(self) -> None:
+        if self.estimated_lens is None:
+            return
+        of_bag = self.bag is not None and self.bag.camera is not None
+        if self.config.camera is not None or self.has_given_poses or of_bag:
+            raise BadInputError(
+                f"--lens {self.estimated_lens}: the camera is known and nothing of its lens is "
+                "estimated; leave out --lens, or what gives the camera"
+            )
 
 
 def telemetry_of(recording: Path, asked: Path | None) -> tuple[Path, ...]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.lens_calibration import LensName
 from geometry.sfm import Reconstruction, checks, features, mapping, reconstruct
 from geometry.sfm.reconstruct import STAGES
 from geometry.sfm.summary import triangulation_angles_deg
@@ -140,6 +141,35 @@ def test_room_with_free_focal(
     assert stages["matching features"] == pytest.approx(0.45)
     assert 0.6 < stages["mapping"] < 0.9
     assert stages["adjusting"] == 1
+
+
+FISHEYE = Camera(
+    model="OPENCV_FISHEYE",
+    width=WIDTH,
+    height=HEIGHT,
+    params=(300.0, 300.0, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, 0.02, 0.0, 0.0, 0.0),
+)
+
+
+def seen_by_fisheye(image: np.ndarray) -> np.ndarray:
+    """What a fisheye of 92 degrees sees where the pinhole sees the middle of it."""
+    place = true_camera().project(FISHEYE.rays(FISHEYE.pixel_grid())).astype(np.float32)
+    return cv2.remap(image, place, None, cv2.INTER_LINEAR, borderValue=128)
+
+
+@pytest.mark.parametrize(
+    ("lens", "model"),
+    [("pinhole", "SIMPLE_PINHOLE"), ("radial", "RADIAL"), ("fisheye", "RADIAL_FISHEYE")],
+)
+def test_the_lens_that_was_asked_for_is_estimated(
+    tmp_path: Path, room_images: list[np.ndarray], room_poses: list, lens: LensName, model: str
+) -> None:
+    images = [seen_by_fisheye(image) for image in room_images] if lens == "fisheye" else room_images
+    found = run(tmp_path, images, lens=lens)
+    camera = found.trajectory.camera
+    assert camera.model == model
+    assert camera.focal_px == pytest.approx(300 if lens == "fisheye" else FOCAL, rel=0.03)
+    assert np.median(rotation_errors_deg(found, room_poses, np.arange(10))) < 0.2
 
 
 def test_room_is_put_into_a_scene_frame(tmp_path: Path, room_images: list[np.ndarray]) -> None:

@@ -281,6 +281,16 @@ def test_telemetry_that_is_none_is_refused_before_any_work(tmp_path: Path) -> No
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("known", ["camera", "poses"])
+def test_a_lens_is_not_estimated_where_the_camera_is_known(tmp_path: Path, known: str) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text("{}")
+    config = RunConfig(recording=SAMPLE_VIDEO, lens="fisheye", **{known: path})
+    with pytest.raises(BadInputError, match="--lens fisheye: the camera is known"):
+        Run(config, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_usage_error_is_no_traceback() -> None:
     result = locate("run", "video.mp4", "-o", "out", "--detector", "guess")
     assert result.returncode == 2
