@@ -63,6 +63,7 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert lost == []
 
 
+FROM_ELSEWHERE = re.compile(r'<(?:script|img)[^>]*src="?https?:|<link[^>]*stylesheet[^>]*https?:')
 INDENTED = re.compile(r"(?:^|\n)\n {4}(?:locate|python|pip|make) ")
 HISTORY = {"CHANGELOG.md", "tried.md"}
 
@@ -131,3 +132,5 @@ def test_site_is_built_without_a_warning(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "plume_map" in (tmp_path / "site/api/locate.html").read_text(encoding="utf-8")
+    for page in (tmp_path / "site").rglob("*.html"):
+        assert not FROM_ELSEWHERE.search(page.read_text(encoding="utf-8")), page

@@ -124,7 +124,7 @@ def main(options: argparse.Namespace) -> None:
         shown = show(change(plant()))
         print(f"{name:26} leak {shown.inside:.2f}  elsewhere {shown.outside:.3f}", flush=True)
         panels.append(panel(name, shown))
-    rows = [np.hstack(panels[first : first + 3]) for first in (0, 3)]
+    rows = [np.hstack(panels[first : first + 2]) for first in range(0, len(panels), 2)]
     picture = np.vstack(rows)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(options.output), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
