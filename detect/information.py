@@ -57,6 +57,15 @@ class DisplacementInformation:
         Args:
             sigma_px: Standard deviation of the neighbourhood, cells.
         """
+        shared = self.times(self.local_mean(sigma_px))
+        return type(self)(vector=self.vector - shared, matrix=self.matrix)
+
+    def local_mean(self, sigma_px: float) -> FloatMap:
+        """(h, w, 2) px, the displacement that the surroundings of each cell share.
+
+        Args:
+            sigma_px: Standard deviation of the neighbourhood, cells.
+        """
         vector = cv2.GaussianBlur(self.vector, (0, 0), sigma_px)
         xx, xy, yy = cv2.split(cv2.GaussianBlur(self.matrix, (0, 0), sigma_px))
         ridge = RIDGE_SHARE * (xx + yy) + LEAST_TERM
@@ -65,8 +74,7 @@ class DisplacementInformation:
         determinant = xx * yy - xy * xy
         mean_x = (yy * x - xy * y) / determinant
         mean_y = (xx * y - xy * x) / determinant
-        shared = self.times(np.asarray(cv2.merge([mean_x, mean_y])))
-        return type(self)(vector=self.vector - shared, matrix=self.matrix)
+        return np.asarray(cv2.merge([mean_x, mean_y]))
 
     def times(self, displacement: FloatMap) -> FloatMap:
         """(h, w, 2) the matrix times a displacement (h, w, 2): the vector that it would give."""

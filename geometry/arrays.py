@@ -10,3 +10,5 @@ IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 FloatMap: TypeAlias = NDArray[np.float32]
 GreyImage: TypeAlias = NDArray[np.uint8]
+Picture: TypeAlias = NDArray[np.uint8]
+"""(H, W, 3) blue, green, red, OpenCV's order; (H, W, 4) with alpha."""

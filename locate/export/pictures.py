@@ -2,11 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from geometry.arrays import FloatMap, GreyImage
-
-Picture = NDArray[np.uint8]
+from geometry.arrays import FloatMap, GreyImage, Picture
 
 FULL_ALPHA = 0.8
 """Opacity of the evidence at full scale."""
@@ -18,10 +15,7 @@ HERSHEY_PX = 22
 
 
 def displacement_picture(displacement: FloatMap, full_scale_px: float | None = None) -> Picture:
-    """Hue for the direction, saturation for the size, the largest norm in px in the corner.
-
-    White is no displacement. What shows background from its right is red, from below
-    yellow-green, from its left cyan, from above violet. Source: the DYBS paper, figures 6 to 9.
+    """The colours of a displacement, with its largest norm in px in the corner.
 
     Args:
         displacement: (H, W, 2) px, x right, y down; what is not finite counts as none.
@@ -30,21 +24,32 @@ def displacement_picture(displacement: FloatMap, full_scale_px: float | None = N
     Returns:
         (H, W, 3).
     """
-    x, y = np.moveaxis(np.where(np.isfinite(displacement), displacement, 0), -1, 0)
+    known = np.where(np.isfinite(displacement), displacement, 0)
+    largest_px = float(np.linalg.norm(known, axis=-1).max())
+    picture = displacement_colours(known, full_scale_px or largest_px)
+    return add_label(picture, f"{largest_px:.2f} px")
+
+
+def displacement_colours(displacement: FloatMap, full_scale_px: float) -> Picture:
+    """(H, W, 3) hue for the direction of (H, W, 2), saturation for the size.
+
+    White is no displacement. What shows background from its right is red, from below
+    yellow-green, from its left cyan, from above violet. Source: the DYBS paper, figures 6 to 9.
+    """
+    x, y = np.moveaxis(displacement, -1, 0)
     size = np.hypot(x, y).astype(np.float32)
-    largest_px = float(size.max())
     hue = np.degrees(np.arctan2(y, x)).astype(np.float32) % 360
-    full = max(largest_px if full_scale_px is None else full_scale_px, 1e-9)
-    hsv = np.stack([hue, np.minimum(size / full, 1), np.ones_like(hue)], axis=-1)
-    picture = np.rint(255 * cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)).astype(np.uint8)
-    return _add_label(picture, f"{largest_px:.2f} px")
+    hsv = np.stack([hue, np.minimum(size / max(full_scale_px, 1e-9), 1), np.ones_like(hue)], -1)
+    bgr = cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)
+    return np.asarray(np.rint(255 * bgr), dtype=np.uint8)
 
 
-def overlay_evidence(image: GreyImage, llr: FloatMap, full_scale_nats: float) -> Picture:
-    """(H, W, 3) a grey frame with the positive evidence laid over it."""
+def overlay_evidence(image: GreyImage | Picture, llr: FloatMap, full_scale_nats: float) -> Picture:
+    """(H, W, 3) a frame, grey or in colour, with the positive evidence laid over it."""
     layer = evidence_layer(llr, full_scale_nats).astype(np.float32)
     alpha = layer[..., 3:] / 255
-    return np.rint(image[..., None] * (1 - alpha) + layer[..., :3] * alpha).astype(np.uint8)
+    below = image[..., None] if image.ndim == 2 else image
+    return np.rint(below * (1 - alpha) + layer[..., :3] * alpha).astype(np.uint8)
 
 
 def evidence_layer(llr: FloatMap, full_scale_nats: float) -> Picture:
@@ -61,7 +66,8 @@ def heat_colours(strength: FloatMap) -> Picture:
     return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_INFERNO), dtype=np.uint8)
 
 
-def _add_label(picture: Picture, text: str) -> Picture:
+def add_label(picture: Picture, text: str) -> Picture:
+    """Writes a text into the upper left corner of (H, W, 3), in place; returns it."""
     height_px = max(LEAST_TEXT_PX, round(TEXT_HEIGHT * picture.shape[0]))
     place, scale = (height_px // 2, round(1.5 * height_px)), height_px / HERSHEY_PX
     stroke = max(1, round(scale))

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from detect.detection import Detection
-from geometry.arrays import FloatArray, GreyImage
+from geometry.arrays import FloatArray, GreyImage, Picture
 from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.export.pictures import Picture, displacement_picture, evidence_layer, heat_colours
+from locate.export.pictures import displacement_picture, evidence_layer, heat_colours
 from locate.export.rays import rays_of_evidence
 from locate.export.report.layout import CAMERA_COLOR, PLUME_COLORS, POINT_COLOR
 from locate.export.report.scene import N_SIGMA

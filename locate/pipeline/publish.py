@@ -15,7 +15,7 @@ from locate.export.geopackage import write_geopackage
 from locate.export.html import resource_path
 from locate.export.kml import write_kml
 from locate.export.ply import write_plumes_ply
-from locate.export.report import ReportFrame, write_report
+from locate.export.report import ColouredPoints, ReportFrame, write_report
 from locate.export.waypoints import write_cup, write_gpx
 from locate.journal.costs import StageTime
 from locate.map.plume import Plume, PlumeMap
@@ -23,8 +23,10 @@ from locate.pipeline.detections import load_detections
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.points import load_points
+from locate.pipeline.shown import coloured_points, report_frame, shown_rows
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
+from locate.recording.colours import undistorted_pictures
 from locate.recording.posed_frames import PosedFrames
 from locate.robot.bag_results import write_map
 
@@ -37,7 +39,6 @@ GEOREFERENCED = {
 }
 PAGE_PARTS = ("page", "report")
 """Folders of the package's data that the report is made of."""
-SHOWN_FRAMES = 8
 REACH_RADII = 1.5
 
 
@@ -71,16 +72,16 @@ def publish(
     if plume_map.georeference is not None:
         for name, write in GEOREFERENCED.items():
             write(target.root / name, plume_map)
-    points = load_points(files.points)
+    frames, points = _shown(source, key_frames, posed, files, plume_map)
     settings = source.config.to_plain() | {"version": __version__}
     write_report(
         target.report,
         plume_map=plume_map,
         trajectory=posed.trajectory,
-        points_in_world=np.zeros((0, 3)) if points is None else points,
+        points=points,
         voxels_in_world=voxels[:, :3],
         voxel_probability=voxels[:, 3],
-        frames=_report_frames(files, posed, plume_map),
+        frames=frames,
         stages=stages,
         settings={name: str(value) for name, value in settings.items() if value is not None},
     )
@@ -88,6 +89,33 @@ def publish(
     if source.config.poses is None and _write_bag(source, key_frames, plume_map, target.plume_bag):
         written += ", plumes.mcap"
     return written
+
+
+def _shown(
+    source: RecordingSource,
+    key_frames: KeyFrames,
+    posed: PosedFrames,
+    files: RunFiles,
+    plume_map: PlumeMap,
+) -> tuple[list[ReportFrame], ColouredPoints]:
+    """The frames of the report and the points of its scene, in colour."""
+    _, indices, detections = load_detections(files.detections)
+    rows = posed.rows_of(indices)
+    chosen = {int(rows[k]): detections[k] for k in shown_rows(len(indices))}
+    recording = source.open_frames(source.config.max_side)
+    pictures = dict(undistorted_pictures(recording, posed, list(chosen)))
+    frames = [
+        report_frame(
+            pictures[row],
+            detection,
+            posed=posed,
+            row=row,
+            key_frames=key_frames,
+            plume_map=plume_map,
+        )
+        for row, detection in chosen.items()
+    ]
+    return frames, coloured_points(load_points(files.points), posed, pictures)
 
 
 def publish_inputs() -> dict[str, Any]:
@@ -138,29 +166,3 @@ def _inside(plume: Plume, points: FloatArray, voxel: float) -> np.ndarray:
     radius = np.interp(along, *plume.radius_by_height.T)
     within = (along >= plume.extent_low) & (along <= plume.extent_high)
     return np.asarray(within & (across <= REACH_RADII * radius + voxel / 2))
-
-
-def _report_frames(files: RunFiles, posed: PosedFrames, plume_map: PlumeMap) -> list[ReportFrame]:
-    _, indices, detections = load_detections(files.detections)
-    rows = posed.rows_of(indices)
-    frames = posed.undistorted()
-    return [
-        ReportFrame(
-            index=indices[k],
-            image=frames.images[int(rows[k])],
-            llr=detections[k].llr,
-            source_px=_source_px(posed, int(rows[k]), plume_map),
-        )
-        for k in np.unique(np.linspace(0, len(indices) - 1, SHOWN_FRAMES).astype(int))
-    ]
-
-
-def _source_px(posed: PosedFrames, row: int, plume_map: PlumeMap) -> FloatArray | None:
-    """(K, 2) where the sources, or the bearings of a camera at rest, are in a frame."""
-    trajectory = posed.undistorted_trajectory()
-    if trajectory is None and plume_map.bearings:
-        directions = np.array([bearing.direction_in_cam for bearing in plume_map.bearings])
-        return posed.camera.undistorted().project(directions)
-    if trajectory is not None and plume_map.plumes:
-        return trajectory.project(row, np.array([plume.source for plume in plume_map.plumes]))
-    return None

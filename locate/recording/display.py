@@ -38,14 +38,18 @@ class PictureGeometry:
         return cls(aspect=aspect, shown_from_stored=_display_matrix(frame))
 
     def show(self, image: GreyImage) -> GreyImage:
-        """The picture: enlarged to square pixels, then turned by quarters and flipped."""
+        """The picture: enlarged to square pixels, then turned by quarters and flipped.
+
+        Args:
+            image: (H, W), or (H, W, 3) in colour.
+        """
         size = self._square_size(image)
         if size != (image.shape[1], image.shape[0]):
             larger = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)
             image = np.asarray(larger, dtype=np.uint8)
         quarter = _nearest_quarter(self.shown_from_stored)
         if quarter[0, 0] == 0:
-            image, quarter = image.T, quarter[:, ::-1]
+            image, quarter = image.swapaxes(0, 1), quarter[:, ::-1]
         return np.ascontiguousarray(image[:: int(quarter[1, 1]), :: int(quarter[0, 0])])
 
     def describe(self, image: GreyImage) -> list[str]:
@@ -69,7 +73,7 @@ class PictureGeometry:
         return notes
 
     def _square_size(self, image: GreyImage) -> tuple[int, int]:
-        height, width = image.shape
+        height, width = image.shape[:2]
         return round(width * max(self.aspect, 1)), round(height / min(self.aspect, 1))
 
 

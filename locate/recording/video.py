@@ -1,14 +1,15 @@
 """A video file, frame by frame as a player shows it: in time, shape, fields and orientation."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 import av
+import numpy as np
 
 from geometry import MOST_PIXELS
-from geometry.arrays import GreyImage
+from geometry.arrays import GreyImage, Picture
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
 from locate.recording.depth import grey_of_frame
@@ -122,6 +123,23 @@ def video_images(
     if decoded.broken or (count and length_s - time_s - 1 / rate > MISSING_TAIL_S):
         note = f"damaged or truncated; {count} frames decoded, up to {time_s:.2f} s"
         _add_notes(warnings, path, [note])
+
+
+def video_pictures(path: Path, indices: Collection[int]) -> Iterator[tuple[int, Picture]]:
+    """The frames of these numbers in colour, as a player shows them.
+
+    Yields:
+        Number and picture, (H, W, 3) blue, green, red; none of what cannot be decoded.
+    """
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        decoded = _DecodedFrames(container=container, stream=stream)
+        frames = islice(merge_fields(decoded.frames()), max(indices, default=-1) + 1)
+        for index, frame in enumerate(frames):
+            if index in indices:
+                stored = np.asarray(frame.to_ndarray(format="bgr24"), dtype=np.uint8)
+                yield index, PictureGeometry.of(frame, stream).show(stored)
 
 
 @dataclass(kw_only=True)

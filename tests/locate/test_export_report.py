@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from geometry.arrays import FloatArray
+from geometry.arrays import FloatArray, Picture
 from geometry.trajectory import Trajectory
-from locate.export.report import ReportFrame, shapes, write_report
+from locate.export.report import ColouredPoints, ReportFrame, shapes, write_report
 from locate.export.report.pictures import evidence_uri
 from locate.journal.costs import StageTime
 from locate.map.answer import Cause, Obstacle
@@ -56,20 +56,34 @@ def report(
     points: FloatArray = NOTHING,
     **changes: Any,
 ) -> str:
-    image = np.full((48, 64), 90, dtype=np.uint8)
+    picture = np.full((48, 64, 3), (30, 90, 150), dtype=np.uint8)
     llr = np.zeros((48, 64), dtype=np.float32)
     llr[10:30, 20:30] = 4.0
-    frames = [ReportFrame(index=2, image=image, llr=llr, source_px=np.array([[25.0, 30.0]]))]
+    displacement = np.zeros((24, 32, 2), dtype=np.float32)
+    displacement[5:15, 10:15] = (0.4, 0.0)
+    frames = [
+        ReportFrame(
+            index=index,
+            label=f"{index / 10:.2f} s, frame {index}",
+            picture=picture,
+            llr=llr,
+            displacement=displacement,
+            source_px=np.array([[25.0, 30.0]]),
+        )
+        for index in (2, 3)
+    ]
     fields: dict[str, Any] = {
         "plume_map": answer,
         "trajectory": trajectory,
-        "points_in_world": points,
+        "points": ColouredPoints.grey(points),
         "voxels_in_world": np.array([[0.0, 0.0, 0.5]]),
         "voxel_probability": np.array([0.9]),
         "frames": frames,
         "stages": [StageTime(name="poses", wall_s=3.0, cpu_s=4.5, note="12 of 12")],
         "settings": {"input": "<a&b>.mp4"},
     }
+    if "coloured" in changes:
+        fields["points"] = changes.pop("coloured")
     write_report(path, **fields | changes)
     return path.read_text()
 
@@ -81,6 +95,13 @@ def figure(text: str) -> dict[str, Any]:
     return content
 
 
+def decoded(uri: str) -> Picture:
+    data = np.frombuffer(b64decode(uri.split(",", 1)[1]), dtype=np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    return np.asarray(picture, dtype=np.uint8)
+
+
 def unpacked(trace: dict[str, Any]) -> FloatArray:
     columns = [np.frombuffer(b64decode(trace[key]["bdata"]), dtype="<f4") for key in "xyz"]
     return np.stack(columns, axis=-1).astype(float)
@@ -89,9 +110,10 @@ def unpacked(trace: dict[str, Any]) -> FloatArray:
 def test_the_page_needs_nothing_from_outside(tmp_path: Path) -> None:
     text = report(tmp_path / "report.html", plume_map(plume()), orbit())
     page = Page(text)
-    links = [attrs.get(key) for _, attrs in page.tags for key in ("src", "href") if key in attrs]
-    assert links
-    assert all(link and link.startswith("data:image/") for link in links)
+    loaded = [attrs["src"] for _, attrs in page.tags if "src" in attrs]
+    assert loaded
+    assert all(link and link.startswith("data:image/") for link in loaded)
+    assert not {"link", "iframe", "object", "embed"} & {tag for tag, _ in page.tags}
     policy = next(attrs["content"] for _, attrs in page.tags if "http-equiv" in attrs)
     assert policy is not None
     assert policy.startswith("default-src 'none'")
@@ -157,9 +179,36 @@ def test_the_scene_holds_cameras_and_the_plume_where_they_are(tmp_path: Path) ->
     np.testing.assert_allclose(unpacked(traces["source 1"])[0], SOURCE, atol=1e-6)
     assert np.linalg.norm(unpacked(traces["plume 1"])[0] - SOURCE) == pytest.approx(0.05, rel=1e-3)
     assert "source 1, 2 sigma" in traces
-    title = traces["evidence"]["marker"]["colorbar"]["title"]["text"]
-    assert "evidence" in title
-    assert "0.5 = none" in title
+
+
+def test_a_click_leads_to_the_frames(tmp_path: Path) -> None:
+    text = report(tmp_path / "r.html", plume_map(plume()), orbit())
+    traces = figure(text)["data"]
+    opened = [trace for trace in traces if trace.get("meta") == {"click": "frame"}]
+    assert [2] in [trace["customdata"] for trace in opened]
+    (voxels,) = (trace for trace in traces if trace["name"] == "evidence")
+    assert (voxels["meta"], voxels["customdata"]) == ({"click": "plume"}, [1])
+    surface = next(trace for trace in traces if trace["name"] == "plume 1")
+    assert surface["meta"] == {"click": "plume", "plume": 1}
+    shown = [attrs for tag, attrs in Page(text).tags if tag == "figure"]
+    assert [(one["data-frame"], one["data-plumes"]) for one in shown] == [("2", "1"), ("3", "")]
+    words = " ".join(Page(text).words)
+    assert "0.20 s, frame 2, saw plume 1" in words
+    assert "1 saw plume 1" in words
+
+
+def test_points_and_frames_are_in_colour(tmp_path: Path) -> None:
+    point = ColouredPoints(np.array([[0.0, 0.0, 0.5]]), np.array([[200, 100, 50]], np.uint8))
+    text = report(tmp_path / "r.html", plume_map(plume()), orbit(), points=point.in_world)
+    assert figure(text)["data"][0]["marker"]["color"] == ["#8c8c8c"]
+    text = report(tmp_path / "r.html", plume_map(plume()), orbit(), coloured=point)
+    assert figure(text)["data"][0]["marker"]["color"] == ["#c86432"]
+    filmed = next(
+        attrs["src"] for _, attrs in Page(text).tags if "as filmed" in (attrs.get("alt") or "")
+    )
+    assert filmed is not None
+    blue, green, red = decoded(filmed).mean(axis=(0, 1))
+    assert (abs(blue - 30) < 8, abs(green - 90) < 8, abs(red - 150) < 8) == (True, True, True)
 
 
 def test_axes_have_one_scale_and_stray_points_do_not_zoom_out(tmp_path: Path) -> None:
@@ -225,9 +274,7 @@ def test_where_nothing_could_be_judged_the_page_states_why_and_what_to_film(
 def test_evidence_is_drawn_where_it_is_and_nowhere_else() -> None:
     llr = np.full((40, 60), -1.0, dtype=np.float32)
     llr[5:15, 30:50] = 4.0
-    uri = evidence_uri(llr, (60, 40), 4.0)
-    data = np.frombuffer(b64decode(uri.split(",", 1)[1]), dtype=np.uint8)
-    alpha = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)[..., 3]
+    alpha = decoded(evidence_uri(llr, 4.0))[..., 3]
     assert alpha[8:12, 35:45].min() > 150
     assert alpha[20:, :].max() == 0
 

@@ -1,11 +1,11 @@
-"""The frame of the 3D scene: what it spans, its axes, buttons and viewpoint."""
+"""The frame of the 3D scene: what it spans, its axes, close-ups and viewpoint."""
 
 from typing import Any
 
 import numpy as np
 
 from geometry.arrays import FloatArray
-from locate.map.plume import Plume, PlumeMap
+from locate.map.plume import PlumeMap
 
 # Okabe and Ito's palette, readable with any kind of colour vision.
 PLUME_COLORS = ("#d55e00", "#cc79a7", "#009e73", "#e69f00", "#56b4e9")
@@ -36,7 +36,7 @@ def scene_bounds(
 def scene_layout(
     plume_map: PlumeMap, low: FloatArray, high: FloatArray, centers: FloatArray
 ) -> dict[str, Any]:
-    """Axes of one scale, legend, buttons and viewpoint of the scene between `low` and `high`."""
+    """Axes of one scale, legend and viewpoint of the scene between `low` and `high`."""
     names = ("east", "north", "up") if plume_map.georeference else ("x", "y", "z")
     axes = {
         f"{key}axis": {
@@ -67,28 +67,19 @@ def scene_layout(
         },
         "paper_bgcolor": clear,
         "modebar": {"bgcolor": clear, "color": POINT_COLOR, "activecolor": PLUME_COLORS[0]},
-        "updatemenus": _close_ups(plume_map.plumes, low, high),
         "uirevision": "keep",
     }
 
 
-def _close_ups(
-    plumes: tuple[Plume, ...], low: FloatArray, high: FloatArray
-) -> list[dict[str, Any]]:
-    """Buttons that zoom to a plume and back."""
+def close_ups(plume_map: PlumeMap, low: FloatArray, high: FloatArray) -> dict[str, Any]:
+    """What to change of the layout to zoom to a plume or back, by the name on its button."""
     boxes = {"Everything": (low, high)}
-    for plume in plumes:
+    for plume in plume_map.plumes:
         ends = plume.points_on_axis(np.array([0.0, plume.extent_high]))
         margin = 0.35 * plume.extent_high + 2 * plume.principal_sigmas[0]
         boxes[f"Plume {plume.id}"] = (ends.min(axis=0) - margin, ends.max(axis=0) + margin)
-    buttons = [
-        {"label": name, "method": "relayout", "args": [_zoom_update(near, far)]}
-        for name, (near, far) in boxes.items()
-    ]
-    place = {"x": 0.01, "xanchor": "left", "y": 0.98, "yanchor": "top"}
-    return (
-        [{"type": "buttons", "direction": "right", "buttons": buttons, **place}] if plumes else []
-    )
+    zooms = {name: _zoom_update(near, far) for name, (near, far) in boxes.items()}
+    return zooms if plume_map.plumes else {}
 
 
 def _zoom_update(low: FloatArray, high: FloatArray) -> dict[str, Any]:

@@ -2,38 +2,21 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from string import Template
 from typing import Any
 
-import numpy as np
-
-from geometry.arrays import FloatArray, FloatMap, GreyImage
+from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.export.html import definition_rows, html_table, list_items, read_resource, write_page
-from locate.export.report import pictures, scene, words
+from locate.export.report import scene, words
+from locate.export.report.gallery import ReportFrame, frame_gallery
+from locate.export.report.pictures import heat_stops
+from locate.export.report.scene import ColouredPoints
 from locate.export.table import answer_rows
 from locate.journal.costs import StageTime
 from locate.map.plume import PlumeMap
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportFrame:
-    """A frame to show.
-
-    Attributes:
-        index: Index in the video.
-        image: (H, W) uint8.
-        llr: (H, W) evidence in nats, of any size with the same aspect.
-        source_px: (K, 2) where sources or bearings project to; None for no mark.
-    """
-
-    index: int
-    image: GreyImage
-    llr: FloatMap
-    source_px: FloatArray | None = None
 
 
 def write_report(
@@ -41,37 +24,46 @@ def write_report(
     *,
     plume_map: PlumeMap,
     trajectory: Trajectory | None,
-    points_in_world: FloatArray,
+    points: ColouredPoints,
     voxels_in_world: FloatArray,
     voxel_probability: FloatArray,
     frames: Sequence[ReportFrame],
     stages: Sequence[StageTime],
     settings: Mapping[str, str],
     notes: Sequence[str] = (),
+    video: str | None = None,
 ) -> None:
-    """Writes report.html, one file of about 5 MB that needs no network.
+    """Writes report.html, one file of 5 to 10 MB that needs no network.
 
     Args:
         path: The file.
         plume_map: The answer.
         trajectory: The cameras; None where the camera stood still, then there is no 3D scene.
-        points_in_world: (N, 3) sparse points of the scene; N may be 0.
+        points: Sparse points of the scene; there may be none.
         voxels_in_world: (V, 3) voxels that hold evidence; V may be 0.
         voxel_probability: (V,) logistic of their mean evidence per view; 0.5 is no evidence.
         frames: Frames to show with their evidence.
         stages: Times of the run.
         settings: Settings and versions, as the reader should see them.
         notes: Sentences for the section on limits, beside the notes of the map itself.
+        video: Name of the overlay video beside the page; None where there is none.
     """
     spatial = None
     if trajectory is not None:
         spatial = scene.scene_figure(
-            plume_map, trajectory, points_in_world, voxels_in_world, voxel_probability
+            plume_map,
+            trajectory,
+            points,
+            voxels_in_world,
+            voxel_probability,
+            [frame.index for frame in frames],
         )
     fragments = {
-        "scene": "" if spatial is None else read_resource("report/scene.html"),
+        "scene": ""
+        if spatial is None
+        else _scene_section(spatial, evidence=len(voxels_in_world) > 0),
         "advice": _advice(plume_map),
-        "pictures": _frame_gallery(frames, plume_map),
+        "pictures": frame_gallery(frames, plume_map, video),
         "table": _answer_table(plume_map),
         "limits": list_items([*words.limits(plume_map, trajectory), *notes]),
         "stages": _stage_table(stages),
@@ -85,7 +77,7 @@ def write_report(
         lead=words.lead(plume_map),
         facts=words.facts(plume_map, trajectory),
         fragments=fragments,
-        scripts=() if spatial is None else _page_scripts(),
+        scripts=_page_scripts(spatial=spatial is not None),
         data={} if spatial is None else {"figure": _to_json(spatial)},
     )
 
@@ -101,10 +93,25 @@ def _to_json(spatial: dict[str, Any]) -> str:
     return json.dumps(spatial, separators=(",", ":"), allow_nan=False)
 
 
-def _page_scripts() -> list[str]:
+def _page_scripts(*, spatial: bool) -> list[str]:
+    frames = read_resource("report/frames.js")
+    if not spatial:
+        return [frames]
     from plotly.offline import get_plotlyjs
 
-    return [get_plotlyjs(), read_resource("report/scene.js")]
+    return [frames, get_plotlyjs(), read_resource("report/scene.js")]
+
+
+def _scene_section(spatial: dict[str, Any], *, evidence: bool) -> str:
+    close_ups = "".join(
+        f'<button type="button" aria-pressed="{str(not number).lower()}">{escape(name)}</button>'
+        for number, name in enumerate(spatial["close_ups"])
+    )
+    scale = Template(read_resource("report/scene_scale.html"))
+    gradient = ", ".join(heat_stops())
+    return Template(read_resource("report/scene.html")).substitute(
+        close_ups=close_ups, scale=scale.substitute(gradient=gradient) if evidence else ""
+    )
 
 
 def _answer_table(plume_map: PlumeMap) -> str:
@@ -131,45 +138,4 @@ def _stage_table(stages: Sequence[StageTime]) -> str:
     return (
         f"<tbody>{rows}</tbody><tfoot><tr><th scope='row'>whole run</th>"
         f"<td>{wall:.1f}</td><td>{cpu:.1f}</td><td></td></tr></tfoot>"
-    )
-
-
-def _frame_gallery(frames: Sequence[ReportFrame], plume_map: PlumeMap) -> str:
-    scale = pictures.full_scale_nats([frame.llr for frame in frames])
-    gradient = ", ".join(pictures.heat_stops())
-    shown = "".join(_frame_figure(frame, scale, plume_map) for frame in frames)
-    if not shown:
-        return "<p>No frames were kept for this page.</p>"
-    return (
-        '<label class="toggle"><input type="checkbox" checked> Show the evidence</label>'
-        f'<p class="scale"><span>0</span><i style="background:linear-gradient(90deg, {gradient})">'
-        f"</i><span>{scale:g} nats and more</span></p>"
-        f'<div class="frames">{shown}</div>'
-    )
-
-
-def _frame_figure(frame: ReportFrame, scale: float, plume_map: PlumeMap) -> str:
-    size = pictures.fitted_size(frame.image)
-    seen = [str(plume.id) for plume in plume_map.plumes if frame.index in plume.views]
-    caption = f"Frame {frame.index}" + (f", sees plume {', '.join(seen)}" if seen else "")
-    height, width = frame.image.shape
-    marks = "" if frame.source_px is None else _source_marks(frame.source_px, width)
-    return (
-        f'<figure><div class="stack" style="aspect-ratio:{width}/{height}">'
-        f'<img src="{pictures.frame_uri(frame.image)}" alt="{escape(caption)}, as filmed">'
-        f'<img class="evidence" src="{pictures.evidence_uri(frame.llr, size, scale)}" alt="">'
-        f'<svg viewBox="-0.5 -0.5 {width} {height}" aria-hidden="true">{marks}</svg></div>'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
-    )
-
-
-def _source_marks(source_px: FloatArray, width: int) -> str:
-    radius = width / 60
-    points = source_px.reshape(-1, 2)
-    visible = points[np.isfinite(points).all(axis=1)]
-    return "".join(
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
-        f'<path d="M{x - 2 * radius:.1f} {y:.1f}h{radius:.1f}M{x + radius:.1f} {y:.1f}'
-        f'h{radius:.1f}"/>'
-        for x, y in visible
     )
