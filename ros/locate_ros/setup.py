@@ -1,8 +1,16 @@
-"""Installs the launch file, the parameters and the node's executable."""
+"""Installs the launch file, the parameters, the viewers' layouts and the node's executable."""
+
+from pathlib import Path
 
 from setuptools import setup
 
 NAME = "locate_ros"
+
+
+def files_in(folder: str) -> list[str]:
+    """Its files, by the names that setuptools wants."""
+    return sorted(str(path) for path in Path(folder).iterdir() if path.is_file())
+
 
 setup(
     name=NAME,
@@ -11,8 +19,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/launch", ["launch/locate.launch.py"]),
-        (f"share/{NAME}/config", ["config/locate.yaml"]),
+        *((f"share/{NAME}/{folder}", files_in(folder)) for folder in ("launch", "config")),
     ],
     install_requires=["setuptools", "plume-locate"],
     zip_safe=True,
