@@ -121,7 +121,7 @@ def complaints(call: list[str], modules: list[list[str]]) -> list[str]:
             return [f"no target {word}" for word in _targets(words) - _targets_of_makefile()]
         case ["python" | "python3", "-m", "pip", *words] | ["pip", *words]:
             return _unknown_extras(" ".join(words))
-        case ["python" | "python3", "-m", "pytest" | "pydoc", *_] | ["pytest", *_]:
+        case ["python" | "python3", "-m", "pytest" | "pydoc" | "colcon", *_] | ["pytest", *_]:
             return [f"no file {w}" for w in call if w.startswith("tests/") and not _exists(w)]
         case ["python" | "python3", "-m", *arguments]:
             modules.append(arguments)
