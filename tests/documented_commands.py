@@ -133,6 +133,11 @@ def complaints(call: list[str], modules: list[list[str]]) -> list[str]:
     return [f"{call[0]} is no known program; it is checked in {Path(__file__).name}"]
 
 
+def names_of_commands() -> set[str]:
+    """What `locate` can be told to do."""
+    return set(getattr(typer.main.get_command(app), "commands", {}))
+
+
 def complaints_of_modules(modules: list[list[str]]) -> list[str]:
     """What the parsers of Python modules, run with `python -m`, say of their arguments."""
     done = subprocess.run(

@@ -12,6 +12,7 @@ from tests.documented_commands import (
     complaints,
     complaints_of_modules,
     inline_complaints,
+    names_of_commands,
     unknown_imports,
 )
 
@@ -88,6 +89,11 @@ def test_commands_in_blocks_are_understood(tmp_path: Path) -> None:
 def test_commands_in_sentences_name_what_there_is(page: Path) -> None:
     if page.name not in HISTORY:
         assert inline_complaints(page) == []
+
+
+def test_every_command_is_on_the_page_to_start_from() -> None:
+    named = set(re.findall(r"`locate ([a-z]+)", (ROOT / "docs/start.md").read_text("utf-8")))
+    assert names_of_commands() - named == set()
 
 
 @each_page
