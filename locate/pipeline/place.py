@@ -53,6 +53,7 @@ def place_run(
         BadInputError: What was asked for cannot be used.
     """
     trajectory = Trajectory.load(files.sfm_trajectory)
+    recording = source.config.recording
     points = load_points(files.sfm_points)
     names = names_of(trajectory, key_frames)
     placement = place_reconstruction(
@@ -64,6 +65,7 @@ def place_run(
         camera_height_m=source.config.camera_height_m,
         points_in_world=points,
         lengths=lengths.constrain_scale(trajectory, files.frames, names),
+        photos=recording if recording.is_dir() else recording.parent,
     )
     notes = (*placement.notes, *load_pose_notes(files), *lengths.describe_unused(names))
     placement = replace(placement, notes=notes)
@@ -96,6 +98,7 @@ def place_reconstruction(
     camera_height_m: float | None = None,
     points_in_world: FloatArray | None = None,
     lengths: Sequence[ScaleConstraint] = (),
+    photos: Path | None = None,
 ) -> Placement:
     """Places a reconstruction by all that is known of it.
 
@@ -111,6 +114,7 @@ def place_reconstruction(
         camera_height_m: Of the cameras above the ground plane, where it is known.
         points_in_world: (M, 3) sparse points.
         lengths: What known sizes in the scene say of its scale.
+        photos: Folder of the frames, where these are photos.
 
     Raises:
         BadInputError: What was asked for cannot be used.
@@ -127,7 +131,9 @@ def place_reconstruction(
                 notes = (*notes, f"Telemetry left out: {error}.")
             continue
         try:
-            placement = place_by_track(trajectory, frames, track, ground, offset_s=offset_s)
+            placement = place_by_track(
+                trajectory, frames, track, ground, offset_s=offset_s, photos=photos
+            )
             return replace(placement, notes=(*notes, *placement.notes))
         except BadInputError as error:
             if asked:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from geometry.trajectory import Trajectory
 from locate.pipeline.placement import Placement
 from locate.recording import KeyFrames
 from locate.telemetry import AltitudeDatum, TelemetryTrack, estimate_offset, path_speeds
+from locate.telemetry.photo_clock import moments_of_photos
 from locate.telemetry.track import COLUMNS
 
 HORIZONTAL_SIGMA_M, VERTICAL_SIGMA_M = 3.0, 6.0
@@ -39,7 +41,7 @@ FLAT = (
 )
 KNOWN_SHARE = 0.5
 """Attitudes are used where at least this share of the frames has one."""
-ON_THE_VIDEO_CLOCK = ("video subtitle", "DJI SRT", "ASS subtitles")
+ON_THE_VIDEO_CLOCK = ("video subtitle", "DJI SRT", "ASS subtitles", "GoPro GPMF")
 """Kinds of telemetry whose times are those of the video."""
 DATUMS = {
     AltitudeDatum.ELLIPSOID: HeightDatum.ELLIPSOID,
@@ -56,6 +58,7 @@ def place_by_track(
     ground: Sequence[Constraint],
     *,
     offset_s: float | None = None,
+    photos: Path | None = None,
 ) -> Placement:
     """Places a reconstruction by the positions, and the attitude, of a telemetry track.
 
@@ -64,12 +67,13 @@ def place_by_track(
         frames: The frames it is of.
         track: Where the camera was.
         ground: What the ground and known lengths say of up and scale.
-        offset_s: Time of the track minus that of the video, where it is known.
+        offset_s: Time of the track minus that of the recording, where it is known.
+        photos: Folder of the frames, where these are photos, for the times they were taken.
 
     Raises:
         BadInputError: The track has no position for the frames, or contradicts the rest.
     """
-    records, notes = _records_at_frames(trajectory, frames, track, offset_s)
+    records, notes = _records_at_frames(trajectory, frames, track, offset_s, photos)
     upright = _up_from_attitude(trajectory, records)
     ups = [c for c in ground if isinstance(c, UpConstraint)] if upright is None else [upright]
     altitude_m, datum = records.altitude_m, DATUMS[records.altitude_datum]
@@ -105,7 +109,11 @@ def place_by_track(
 
 
 def _records_at_frames(
-    trajectory: Trajectory, frames: KeyFrames, track: TelemetryTrack, offset_s: float | None
+    trajectory: Trajectory,
+    frames: KeyFrames,
+    track: TelemetryTrack,
+    offset_s: float | None,
+    photos: Path | None,
 ) -> tuple[TelemetryTrack, tuple[str, ...]]:
     """A record for each camera, by photo name or by time."""
     if track.times_s is None:
@@ -114,12 +122,14 @@ def _records_at_frames(
                 f"{track.path}: records belong to photos and have no times; leave "
                 "--telemetry-offset out"
             )
-        sources = {frame.index: frame.source for frame in frames.frames}
-        names = [sources[index] for index in trajectory.indices.tolist()]
-        rows = track.rows_of(names)
+        rows = track.rows_of(_sources(trajectory, frames))
         return _mask_unknown(track.take(np.maximum(rows, 0)), rows >= 0), track.warnings
     if not frames.is_video:
-        raise BadInputError(f"{track.path}: records have times, and photos only names")
+        if photos is None:
+            raise BadInputError(f"{track.path}: records have times, and photos only names")
+        taken = moments_of_photos(photos, _sources(trajectory, frames), track, offset_s)
+        records = track.without_repeats().at(taken.times_s, max_gap_s=track.usual_gap_s)
+        return records, (*track.warnings, *taken.notes)
     notes = track.warnings
     if offset_s is None and track.kind in ON_THE_VIDEO_CLOCK:
         offset_s = 0.0
@@ -134,6 +144,12 @@ def _records_at_frames(
         notes = (*notes, note)
     moments_s = trajectory.times_s + offset_s
     return track.without_repeats().at(moments_s, max_gap_s=track.usual_gap_s), notes
+
+
+def _sources(trajectory: Trajectory, frames: KeyFrames) -> list[str]:
+    """The file of each camera."""
+    sources = {frame.index: frame.source for frame in frames.frames}
+    return [sources[index] for index in trajectory.indices.tolist()]
 
 
 def _mask_unknown(records: TelemetryTrack, known: BoolArray) -> TelemetryTrack:

@@ -2,13 +2,16 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import hypot, isfinite, isnan, nan, sqrt
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import exifread
+import numpy as np
 
+from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from locate.recording.photo_folder import list_photos
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
@@ -66,12 +69,38 @@ def read_photos(path: Path) -> TelemetryTrack:
     return _make_track(path, photos, records, refused)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PhotoClocks:
+    """When N photos were taken.
+
+    Attributes:
+        clock_s: (N,) s since 1970 on `clock`; NaN where a photo states no time.
+        clock: UTC where a photo states one that is, else local.
+    """
+
+    clock_s: FloatArray
+    clock: Clock
+
+
+def read_photo_clocks(folder: Path, names: Sequence[str]) -> PhotoClocks:
+    """When photos of a folder were taken, by their EXIF."""
+    records = [_read_photo_or_empty(folder / name, []) for name in names]
+    key, clock = _clock_key(records)
+    clock_s = np.array([record.get(key, nan) for record in records], dtype=float)
+    return PhotoClocks(clock_s=clock_s, clock=clock)
+
+
+def _clock_key(records: Sequence[Record]) -> tuple[str, Clock]:
+    in_utc = any("utc_s" in record for record in records)
+    return ("utc_s", Clock.UTC) if in_utc else ("local_s", Clock.LOCAL)
+
+
 def _make_track(
     path: Path, photos: Sequence[Path], records: Sequence[Record], refused: Sequence[RefusedText]
 ) -> TelemetryTrack:
-    in_utc = any("utc_s" in record for record in records)
+    key, clock = _clock_key(records)
     for record in records:
-        record["clock_s"] = record.get("utc_s" if in_utc else "local_s", nan)
+        record["clock_s"] = record.get(key, nan)
     ellipsoidal = {record["ellipsoidal"] for record in records if "altitude_m" in record}
     datum = AltitudeDatum.ELLIPSOID if ellipsoidal == {1.0} else AltitudeDatum.MEAN_SEA_LEVEL
     columns = columns_of(records)
@@ -81,7 +110,7 @@ def _make_track(
         KIND,
         columns,
         datum=AltitudeDatum.UNKNOWN if len(ellipsoidal) > 1 else datum,
-        clock=Clock.UTC if in_utc else Clock.LOCAL,
+        clock=clock,
         names=[photo.name for photo in photos],
         warnings=summarize_refused(path, refused),
     )

@@ -5,8 +5,19 @@ from pathlib import Path
 from typing import TypeAlias
 
 from geometry.errors import BadInputError
-from locate.telemetry import ardupilot, ass, dji_mrk, dji_srt, gpx, odm, table, ulog
+from locate.telemetry import (
+    ardupilot,
+    ass,
+    dji_mrk,
+    dji_srt,
+    geolocation,
+    gpx,
+    odm,
+    table,
+    ulog,
+)
 from locate.telemetry.bounded import read_text
+from locate.telemetry.gpmf import read_gpmf
 from locate.telemetry.photos import read_photos
 from locate.telemetry.subtitles import read_subtitles
 from locate.telemetry.track import TelemetryTrack
@@ -15,6 +26,8 @@ HEAD_BYTES = 4096
 """Of a file, by which its format is recognised."""
 SIDECARS = (".srt", ".ass", ".gpx", ".csv", ".ulg", ".bin", ".tlog", ".txt")
 """Suffixes of telemetry beside a video of the same name."""
+AMONG_PHOTOS = (".gpx", ".csv")
+"""Suffixes of telemetry in a folder of photos."""
 
 _Text: TypeAlias = tuple[Callable[[str], bool], Callable[[str, Path], TelemetryTrack]]
 _TEXTS: tuple[_Text, ...] = (
@@ -23,6 +36,7 @@ _TEXTS: tuple[_Text, ...] = (
     (dji_mrk.looks_like_mrk, dji_mrk.parse_mrk),
     (odm.looks_like_odm, odm.parse_geo),
     (table.looks_like_table, table.parse_table),
+    (geolocation.looks_like_geolocation, geolocation.parse_geolocation),
     (dji_srt.looks_like_srt, dji_srt.parse_srt),
 )
 _BINARIES: tuple[tuple[bytes, Callable[[Path], TelemetryTrack]], ...] = (
@@ -40,8 +54,9 @@ def read_telemetry(path: Path) -> TelemetryTrack:
 
     Args:
         path: A DJI .SRT or .mrk, .ass of Autel, GPX, a table (CSV, exiftool, Airdata, senseFly
-            geoinfo), an ODM geo.txt, a PX4 or ArduPilot log, a video with a subtitle track, a
-            photo, or a folder of photos. The content decides, not the suffix.
+            geoinfo), a list of Pix4D, an ODM geo.txt, a PX4 or ArduPilot log, a video of a GoPro or
+            with a subtitle track, a photo, or a folder of photos. The content decides, not the
+            suffix.
 
     Raises:
         BadInputError: Nothing there, no known format, or no position in it.
@@ -63,21 +78,25 @@ def read_telemetry(path: Path) -> TelemetryTrack:
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         return read_photos(path)
     if b"\0" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return read_subtitles(path)
+        return read_gpmf(path) or read_subtitles(path)
     return _read_text(path)
 
 
 def telemetry_candidates(recording: Path) -> tuple[Path, ...]:
     """Where the telemetry of a recording may be, the likeliest first.
 
-    A folder of photos has it in the photos, a video in its subtitle track or in a file of the same
-    name beside it (``DJI_0001.SRT`` for ``DJI_0001.MP4``).
+    A folder of photos has it in the photos, in a GPX or a table among them, or in a file of its
+    name beside it; a video in itself, or in a file of the same name beside it (``DJI_0001.SRT``
+    for ``DJI_0001.MP4``).
     """
+    among: list[Path] = []
+    stem = recording.stem
     if recording.is_dir():
-        return (recording,)
+        stem = recording.name
+        among = sorted(path for path in recording.iterdir() if path.suffix.lower() in AMONG_PHOTOS)
     by_name = {path.name.lower(): path for path in recording.parent.iterdir()}
-    names = [recording.stem.lower() + suffix for suffix in SIDECARS]
-    return (recording, *(by_name[name] for name in names if name in by_name))
+    names = [stem.lower() + suffix for suffix in SIDECARS]
+    return (recording, *among, *(by_name[name] for name in names if name in by_name))
 
 
 def _read_head(path: Path) -> bytes:

@@ -93,8 +93,8 @@ _UNSIGNED_GROUPS = ("exif", "gps")
 """Groups of exiftool whose coordinates have their sign in another column."""
 _HEADER_LINES = 20
 """The header is within so many lines."""
-_FIRST_POSIX_S = 1e8
-"""Larger numbers in a column of times are seconds since 1970."""
+_FIRST_POSIX_S, _LAST_POSIX_S = 1e8, 4e9
+"""Larger numbers in a column of times are counts since 1970, and what these are in seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,12 +284,13 @@ def _time_record(
     """Seconds since 1970, or from any start, of the columns of times together."""
     record: Record = {}
     days_s: list[float] = []
+    decimal_comma = "," in cells["latitude_deg"] + cells["longitude_deg"]
     for key in ("clock_s", "day", "times_s"):
         column, text = columns.get(key), cells.get(key, "")
         if column is None:
             continue
         try:
-            found = _moment_record(column, text)
+            found = _moment_record(column, text, decimal_comma=decimal_comma)
         except UnknownForm as error:
             refused.append(RefusedText(line, column.title.strip(), text, str(error), False))
             continue
@@ -301,7 +302,7 @@ def _time_record(
     return record
 
 
-def _moment_record(column: _TableColumn, text: str) -> Record:
+def _moment_record(column: _TableColumn, text: str, *, decimal_comma: bool) -> Record:
     """One of ``clock_s`` (perhaps with ``utc``), ``day_s``, ``of_day_s`` and ``times_s``."""
     utc: Record = {"utc": 1.0} if "utc" in column.title.lower() else {}
     seconds, zoned = parse_stamp(text)
@@ -311,12 +312,24 @@ def _moment_record(column: _TableColumn, text: str) -> Record:
         return {"of_day_s": of_day_s} | utc
     if not isnan(day_s := parse_date(text)):
         return {"day_s": day_s}
-    value = parse_quantity(text, DURATIONS, unit=column.unit)
-    if abs(value) >= _FIRST_POSIX_S:
-        return {"clock_s": value, "utc": 1.0}
+    value = parse_quantity(text, DURATIONS, unit=column.unit, decimal_comma=decimal_comma)
+    if value >= _FIRST_POSIX_S:
+        return {"clock_s": _posix_s(value), "utc": 1.0}
     if not isnan(value) and column.key != "times_s":
         raise UnknownForm("no known form of a date and time")
     return {} if isnan(value) else {"times_s": value}
+
+
+def _posix_s(value: float) -> float:
+    """Seconds since 1970 of a count of s, ms, us or ns, which no two of them can be.
+
+    Raises:
+        UnknownForm: It is a time of none of them between 1973 and 2096.
+    """
+    for unit in (1.0, 1e3, 1e6, 1e9):
+        if _FIRST_POSIX_S <= value / unit < _LAST_POSIX_S:
+            return value / unit
+    raise UnknownForm("no time since 1970 in s, ms, us or ns")
 
 
 def _raise_if_no_time(

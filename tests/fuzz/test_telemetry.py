@@ -13,7 +13,7 @@ from locate.telemetry import TelemetryTrack, read_ground_control, read_telemetry
 from locate.telemetry.track import COLUMNS
 from tests.fuzz.bounds import read_bounded
 from tests.fuzz.damage import NASTY_BYTES, Cut, cuts, damaged, fuzzed
-from tests.locate import recorded
+from tests.locate import recorded, test_gpmf
 
 
 def check(path: Path) -> None:
@@ -60,7 +60,9 @@ def test_damaged_ground_control(tmp_path: Path, found: list[Cut]) -> None:
     assert np.isfinite(found.altitude_m).all()
 
 
-@pytest.mark.parametrize("name", ["a.ulg", "b.ulg", "a.bin", "a.tlog", "a.jpg", "a.mp4", "a.mkv"])
+@pytest.mark.parametrize(
+    "name", ["a.ulg", "b.ulg", "a.bin", "a.tlog", "a.jpg", "a.mp4", "a.mkv", "gopro.mp4"]
+)
 @fuzzed(60)
 @given(found=cuts())
 def test_damaged_binary(tmp_path: Path, name: str, found: list[Cut]) -> None:
@@ -75,6 +77,8 @@ def test_damaged_binary(tmp_path: Path, name: str, found: list[Cut]) -> None:
 def write(path: Path, name: str) -> None:
     if name.endswith(".ulg"):
         recorded.write_ulog(path, in_degrees=name.startswith("b"))
+    elif name == "gopro.mp4":
+        test_gpmf.write(path, [test_gpmf.gps5(0), test_gpmf.gps9(1)])
     elif name == "a.bin":
         recorded.write_bin(path)
     elif name == "a.tlog":

@@ -71,7 +71,9 @@ DJI_0002.JPG 500010.0 5200000.0
 GCP = """WGS84 UTM 32N
 500000.0 5200000.0 600.5 1203.5 802.25 DJI_0001.JPG corner
 """
+GEOLOCATION = "a.jpg,47.1,8.5,520.5,5,10\nb.jpg,47.2,8.6,530.5,5,10\n"
 TEXTS = {
+    "list.csv": GEOLOCATION,
     "new.srt": SRT,
     "old.srt": SRT_OLD,
     "rtk.srt": SRT_RTK,
@@ -202,12 +204,20 @@ def _subtitle(stream: Any, content: bytes, at_ms: int) -> av.Packet:
     return packet
 
 
-def write_photo(path: Path, *, xmp: str = "", gps: dict[int, Any] | None = None) -> None:
-    """A small JPEG with the GPS tags given (text, byte or sequence of rationals) and XMP."""
+def write_photo(
+    path: Path,
+    *,
+    xmp: str = "",
+    gps: dict[int, Any] | None = None,
+    exif: dict[int, Any] | None = None,
+) -> None:
+    """A small JPEG with XMP, and GPS or EXIF tags (text, byte or sequence of rationals)."""
     coded = cv2.imencode(".jpg", np.full((16, 16), 90, np.uint8))[1].tobytes()
     segments = b""
     if gps is not None:
-        segments += _segment(b"Exif\0\0" + _tiff(gps))
+        segments += _segment(b"Exif\0\0" + _tiff(gps, 0x8825))
+    if exif is not None:
+        segments += _segment(b"Exif\0\0" + _tiff(exif, 0x8769))
     if xmp:
         segments += _segment(b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode())
     path.write_bytes(coded[:2] + segments + coded[2:])
@@ -217,7 +227,7 @@ def _segment(content: bytes) -> bytes:
     return b"\xff\xe1" + struct.pack(">H", len(content) + 2) + content
 
 
-def _tiff(gps: dict[int, Any]) -> bytes:
+def _tiff(gps: dict[int, Any], directory: int) -> bytes:
     start = 26
     tail_at = start + 2 + 12 * len(gps) + 4
     entries, tail = b"", b""
@@ -228,7 +238,7 @@ def _tiff(gps: dict[int, Any]) -> bytes:
             placed = struct.pack("<I", tail_at + len(tail))
             tail += content
         entries += struct.pack("<HHI", tag, kind, count) + placed
-    head = b"II*\0" + struct.pack("<IHHHIII", 8, 1, 0x8825, 4, 1, start, 0)
+    head = b"II*\0" + struct.pack("<IHHHIII", 8, 1, directory, 4, 1, start, 0)
     return head + struct.pack("<H", len(gps)) + entries + struct.pack("<I", 0) + tail
 
 

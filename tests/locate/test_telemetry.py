@@ -140,6 +140,61 @@ def test_mrk_by_the_number_of_the_photo(tmp_path: Path) -> None:
     assert found.rows_of(["DJI_0002.JPG", "DJI_0004.JPG"]).tolist() == [0, -1]
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["{},47.1,8.5,520", "{}\t47.1\t8.5\t520\t1\t2\t3", "{} 47.1 8.5 520", "{};47,1;8,5;520,0"],
+)
+def test_lists_without_a_header(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "geo.txt"
+    path.write_text("".join(line.format(f"{name}.JPG") + "\n" for name in "ab"))
+    track = read_telemetry(path)
+    assert track.names == ("a.JPG", "b.JPG")
+    assert (track.latitude_deg[0], track.longitude_deg[0]) == (47.1, 8.5)
+    assert track.altitude_m[0] == 520
+    assert "has no header; its lines were read as photo, latitude, longitude" in track.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("b.JPG,147.1,8.5,520", "line 2: beyond the largest latitude"),
+        ("b.JPG,47.1,8.5", "line 2: expected photo, latitude, longitude, altitude"),
+        ("b.JPG,47.1,8.5,high", "line 2: no known form of a number"),
+        ("b,47.1,8.5,520", "line 2: expected photo"),
+    ],
+)
+def test_lines_of_another_form_are_refused(tmp_path: Path, line: str, said: str) -> None:
+    (tmp_path / "geo.txt").write_text(f"a.JPG,47.1,8.5,520\n{line}\n")
+    with pytest.raises(BadInputError, match=said):
+        read_telemetry(tmp_path / "geo.txt")
+
+
+@pytest.mark.parametrize("unit", [1, 10**3, 10**6, 10**9])
+def test_times_since_1970_in_any_unit(tmp_path: Path, unit: int) -> None:
+    stamps = [1_714_564_800 * unit + i * unit // 2 for i in range(4)]
+    if unit == 1:
+        stamps = [1_714_564_800.0 + i / 2 for i in range(4)]
+    rows = (f"{stamp},47.{i},8.5\n" for i, stamp in enumerate(stamps))
+    (tmp_path / "a.csv").write_text("timestamp,lat,lon\n" + "".join(rows))
+    track = read_telemetry(tmp_path / "a.csv")
+    assert track.times_s is not None
+    np.testing.assert_allclose(track.times_s, [0, 0.5, 1, 1.5], atol=1e-5)
+    assert track.clock_s[0] == 1_714_564_800
+
+
+def test_times_of_no_unit_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("timestamp,lat,lon\n50000000000,47.1,8.5\n")
+    with pytest.raises(BadInputError, match="no time since 1970 in s, ms, us or ns"):
+        read_telemetry(tmp_path / "a.csv")
+
+
+def test_decimal_commas_of_times(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time;lat;lon\n0,5;47,1;8,5\n1,0;47,1001;8,5\n")
+    track = read_telemetry(tmp_path / "a.csv")
+    assert track.times_s is not None
+    assert track.times_s.tolist() == [0.5, 1.0]
+
+
 def test_geoinfo(tmp_path: Path) -> None:
     found = read(tmp_path, "a.txt", recorded.GEOINFO)
     assert found.names == ("IMG_1.JPG",)
