@@ -42,6 +42,11 @@ INTRINSICS = frozenset(("fl_x", "fl_y", "cx", "cy", "w", "h")) | {
 """Keys of a camera that every model may have."""
 SAME_CAMERA_PX = 0.05
 """Cameras whose pixels lie this near to each other are one camera, rounded; chosen."""
+FARTHEST_CENTRE = 0.3
+"""Distance of the principal point from the middle, over the side, beyond which it is of images of
+another size; chosen."""
+SAME_FOCAL = 0.02
+"""Relative difference of a focal length and that of the angle of view beside it; chosen."""
 GRID = 9
 """Pixels along each side of the image at which cameras are compared."""
 
@@ -89,6 +94,9 @@ def read_transforms_camera(
         BadInputError: Something of it is not known, or the frames are of several cameras.
         KeyError, TypeError, ValueError: A value is missing or no number.
     """
+    frames = list(frames)
+    for block in (content, *frames):
+        _refuse_nested_terms(block)
     common = _rename_aliases(content)
     cameras: dict[str, Camera] = {}
     for frame in frames:
@@ -120,10 +128,16 @@ def read_camera_block(block: Mapping[str, Any]) -> Camera:
         lens += [0.0] * (len(LENS_TERMS[model]) - len(lens))
     width, height = _whole_px(block, "w"), _whole_px(block, "h")
     focal_x, focal_y = _focal_lengths(block, width, height, fisheye="FISHEYE" in model)
-    cx = float(block.get("cx", width / 2)) - HALF_PIXEL
-    cy = float(block.get("cy", height / 2)) - HALF_PIXEL
-    params = (focal_x, focal_y, cx, cy, *lens)
-    return Camera(model=model, width=width, height=height, params=params)
+    cx, cy = float(block.get("cx", width / 2)), float(block.get("cy", height / 2))
+    params = (focal_x, focal_y, cx - HALF_PIXEL, cy - HALF_PIXEL, *lens)
+    camera = Camera(model=model, width=width, height=height, params=params)
+    off = np.abs([cx - width / 2, cy - height / 2])
+    if (off > FARTHEST_CENTRE * np.array([width, height])).any():
+        raise BadInputError(
+            f"cx, cy = {cx:g}, {cy:g} px are far from the middle of {width}x{height} images; give "
+            "w, h, cx, cy and fl_x of one size, in px"
+        )
+    return camera
 
 
 def write_camera_block(camera: Camera) -> dict[str, Any]:
@@ -149,6 +163,18 @@ def write_camera_block(camera: Camera) -> dict[str, Any]:
     }
     terms = LENS_TERMS[model]
     return block | dict(zip(terms, [*lens, *[0.0] * (len(terms) - len(lens))], strict=True))
+
+
+def _refuse_nested_terms(block: Mapping[str, Any]) -> None:
+    for key, value in block.items():
+        inner = value if isinstance(value, list) and key != "frames" else [value]
+        for part in inner:
+            for name, term in part.items() if isinstance(part, dict) else ():
+                is_lens = name in INTRINSICS or name in ALIASES or speaks_of_lens(str(name))
+                if is_lens and not is_nothing(term):
+                    raise BadInputError(
+                        f"{key} holds {name}, which is read only beside frames or in a frame"
+                    )
 
 
 def _rename_aliases(block: Mapping[str, Any]) -> dict[str, Any]:
@@ -196,13 +222,16 @@ def _focal_lengths(
 ) -> tuple[float, float]:
     found: list[float | None] = []
     for axis, side in (("x", width), ("y", height)):
-        focal, angle = block.get(f"fl_{axis}"), block.get(f"camera_angle_{axis}")
-        if focal is not None:
-            found.append(float(focal))
-        elif angle is not None and not fisheye:
-            found.append(side / 2 / float(np.tan(float(angle) / 2)))
-        else:
-            found.append(None)
+        angle = None if fisheye else block.get(f"camera_angle_{axis}")
+        by_angle = None if angle is None else side / 2 / float(np.tan(float(angle) / 2))
+        stated = block.get(f"fl_{axis}")
+        focal = by_angle if stated is None else float(stated)
+        found.append(focal)
+        if by_angle and focal and abs(focal - by_angle) > SAME_FOCAL * by_angle:
+            raise BadInputError(
+                f"fl_{axis} = {focal:g} px and camera_angle_{axis} = {angle}, which is "
+                f"{by_angle:.5g} px, contradict each other; remove the wrong one"
+            )
     focal_x, focal_y = found
     either = focal_x if focal_x is not None else focal_y
     if either is None:

@@ -207,11 +207,13 @@ def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None)
         matrices = np.array([frame["transform_matrix"] for frame in frames], dtype=float)
         if not np.isfinite(matrices).all():
             raise BadInputError("holds a pose whose numbers are not all finite")
+        if matrices.shape[1] == 4 and not (np.abs(matrices[:, 3] - [0, 0, 0, 1]) < MAX_SKEW).all():
+            raise BadInputError("the last row of a transform_matrix is not 0 0 0 1 (transposed?)")
         rotations = OPENCV_FROM_OPENGL @ np.swapaxes(matrices[:, :3, :3], 1, 2)
         translations = -np.einsum("nij,nj->ni", rotations, matrices[:, :3, 3])
     except BadInputError as error:
         raise BadInputError(f"{path}: {error}") from error
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
         raise BadInputError(f"{path}: not a readable transforms.json ({error!r})") from error
     return NamedPoses(
         trajectory=_checked_trajectory(path, own, rotations, translations), names=names, path=path

@@ -190,7 +190,7 @@ def _clock_s(text: bytes) -> float:
     """Seconds since 1970 of ``yymmddhhmmss.sss``; NaN for anything else."""
     try:
         digits = text[:16].decode("ascii")
-        parts = [int(digits[i : i + 2]) for i in range(0, 10, 2)]
-        return posix_s(2000 + parts[0], *parts[1:], float(digits[10:]))
+        year, month, day, hour, minute = (int(digits[i : i + 2]) for i in range(0, 10, 2))
+        return posix_s(2000 + year, month, day, hour, minute, float(digits[10:]))
     except (ValueError, TypeError):
         return nan

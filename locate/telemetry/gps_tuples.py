@@ -2,7 +2,7 @@
 
 Known forms, each of one maker's files:
 
-- ``GPS(longitude,latitude,satellites)``: DJI until the Mini 2; the count is a whole number.
+- ``GPS(longitude,latitude,satellites)``: DJI until the Mini 2; the count is a whole number over 0.
 - ``GPS(latitude,longitude,altitudeM)``: Matrice 300; a capital M.
 - ``GPS(latitude,longitude,altitude) BAROMETER(height)``: Avata 2; the brackets tell it.
 - ``GPS(E: longitude, N: latitude, altitude m)``: Autel; the letters say which is which.
@@ -21,7 +21,7 @@ _WORDS = re.compile(r"\bgps\s?\(([^()\n]{0,120})(\)?)", re.IGNORECASE)
 _BRACKETED_BAROMETER = re.compile(r"\bbarometer\s?\(", re.IGNORECASE)
 _DEGREES = re.compile(r"[-+]?\d{1,3}(?:\.\d{1,12})?")
 _LETTER = re.compile(r"[nsew]\s?:?\s?", re.IGNORECASE)
-_SATELLITES = re.compile(r"\d{1,2}")
+_SATELLITES = re.compile(r"[1-9]\d?")
 _HEIGHT = re.compile(r"[-+]?\d{1,6}(?:\.\d{1,12})?")
 _HEIGHT_M = re.compile(r"([-+]?\d{1,6}(?:\.\d{1,12})?) ?M")
 _METRES = {"m": 1.0}

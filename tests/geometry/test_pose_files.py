@@ -212,6 +212,39 @@ def test_intrinsics_of_each_frame_that_differ_are_refused(tmp_path: Path) -> Non
         transforms_with(tmp_path, INTRINSICS, lambda i: {"fl_x": 500 + i})
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"camera": {"k1": 0.1}}, "camera holds k1"),
+        ({"cameras": [{"fl_x": 500.0}]}, "cameras holds fl_x"),
+        ({"camera_angle_x": 1.0}, "fl_x = 500 px and camera_angle_x = 1.0, which is 585.76 px"),
+        ({"cx": 3200.0}, "cx, cy = 3200, 240 px are far from the middle of 640x480"),
+        ({"w": 2560, "h": 1920}, "far from the middle of 2560x1920 images"),
+        ({"cx": 0.5, "cy": 0.5}, "in px"),
+        ({"camera_angle_x": 0.0}, "not a readable transforms"),
+    ],
+)
+def test_intrinsics_that_cannot_be_are_refused(
+    tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    lens = {"fl_x": 500.0, "cx": 320.0, "cy": 240.0, "w": 640, "h": 480} | changes
+    frames = [{"file_path": "0.jpg", "transform_matrix": np.eye(4).tolist()}]
+    (tmp_path / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+    with pytest.raises(BadInputError, match=said):
+        read_poses(tmp_path / "transforms.json")
+
+
+@pytest.mark.parametrize("row", [[3.0, 0, 0, 1], [0, 0, 0, 2.0], [0, 0, 0, 0]])
+def test_transposed_matrices_are_refused(tmp_path: Path, row: list[float]) -> None:
+    matrix = np.eye(4)
+    matrix[3] = row
+    frames = [{"file_path": "0.jpg", "transform_matrix": matrix.tolist()}]
+    content = {"fl_x": 500.0, "w": 640, "h": 480, "frames": frames}
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match="the last row of a transform_matrix is not 0 0 0 1"):
+        read_poses(tmp_path / "transforms.json")
+
+
 def test_a_frame_without_a_pose_is_named(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=r"1\.jpg has no transform_matrix"):
         transforms_with(

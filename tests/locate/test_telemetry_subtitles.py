@@ -70,6 +70,7 @@ def test_known_forms(
     [
         ("GPS(48.137154,11.575382,569.800)", "cannot be known"),
         ("GPS(48.137154,11.575382,569)", "cannot be known"),
+        ("GPS(48.137154,11.575382,0)", "cannot be known"),
         ("GPS(48.137154,11.575382,569.8m)", "cannot be known"),
         ("GPS(39.906217,116.391305,17)", "contradict each other"),
         ("GPS(116.391305,39.906217,12.0M)", "contradict each other"),
