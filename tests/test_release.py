@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 import locate
 
@@ -40,6 +41,13 @@ def test_version(name: str, pattern: str) -> None:
 @pytest.mark.parametrize(("name", "pattern"), ADDRESSES.items())
 def test_address(name: str, pattern: str) -> None:
     assert stated(name, pattern) == PROJECT["urls"]["Source"]
+
+
+@pytest.mark.parametrize("form", sorted(ROOT.glob(".github/ISSUE_TEMPLATE/[!c]*.yml")))
+def test_form_for_issues_asks_for_something(form: Path) -> None:
+    content = yaml.safe_load(form.read_text(encoding="utf-8"))
+    assert {"name", "description", "body"} <= content.keys()
+    assert any(part["validations"]["required"] for part in content["body"] if "validations" in part)
 
 
 def test_forge_runs_what_ci_runs() -> None:
