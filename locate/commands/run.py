@@ -174,6 +174,14 @@ def run(
             rich_help_panel=MEASUREMENT,
         ),
     ] = None,
+    overlay: Annotated[
+        bool | None,
+        typer.Option(
+            "--overlay/--no-overlay",
+            help="Write overlay.mp4, all frames with what was found; else up to a minute of video.",
+            show_default=False,
+        ),
+    ] = None,
     force: Force = False,
     verbose: Verbose = False,
 ) -> None:
@@ -199,6 +207,7 @@ def run(
         "max_side": max_side,
         "detection_frames": detection_frames,
         "seed": seed,
+        "overlay": overlay,
     }
     given = {name: value for name, value in asked.items() if value is not None}
     settings = given if config is None else read_settings(config) | given

@@ -69,8 +69,12 @@ def heat_colours(strength: FloatMap) -> Picture:
 def add_label(picture: Picture, text: str) -> Picture:
     """Writes a text into the upper left corner of (H, W, 3), in place; returns it."""
     height_px = max(LEAST_TEXT_PX, round(TEXT_HEIGHT * picture.shape[0]))
-    place, scale = (height_px // 2, round(1.5 * height_px)), height_px / HERSHEY_PX
-    stroke = max(1, round(scale))
-    for colour, width in (((255, 255, 255), 2 * stroke + 1), ((0, 0, 0), stroke)):
-        cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, width, 16)
+    scale, stroke = height_px / HERSHEY_PX, max(1, round(height_px / HERSHEY_PX))
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, stroke)
+    left, base = height_px // 2, height_px // 2 + height
+    corner = (left + width + height_px // 2, base + below + height_px // 4)
+    cv2.rectangle(picture, (0, 0), corner, (255, 255, 255), -1)
+    cv2.putText(
+        picture, text, (left, base), cv2.FONT_HERSHEY_SIMPLEX, scale, (0, 0, 0), stroke, cv2.LINE_AA
+    )
     return picture

@@ -46,6 +46,8 @@ class RunConfig(BaseModel):
         max_frames: The most frames that are used.
         max_side: Frames larger than this (px) are shrunk to it.
         detection_frames: In how many of them refraction is measured.
+        overlay: Write overlay.mp4, the frames in a row with what was found; for recordings up to a
+            minute if left out.
         seed: Of the random choices after structure from motion, whose own is fixed.
 
     Examples:
@@ -76,6 +78,7 @@ class RunConfig(BaseModel):
     max_frames: int = Field(default=120, ge=2)
     max_side: int = Field(default=1280, ge=64)
     detection_frames: int = Field(default=16, ge=1)
+    overlay: bool | None = None
     seed: int = Field(default=0, ge=0)
 
     @classmethod

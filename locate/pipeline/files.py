@@ -95,6 +95,11 @@ class RunFiles:
         return self.root / "plumes"
 
     @property
+    def overlay(self) -> Path:
+        """The frames in a row with the evidence and the plumes, a video."""
+        return self.root / "overlay.mp4"
+
+    @property
     def report(self) -> Path:
         """The page for people."""
         return self.root / "report.html"

@@ -15,15 +15,17 @@ from locate.export.geopackage import write_geopackage
 from locate.export.html import resource_path
 from locate.export.kml import write_kml
 from locate.export.ply import write_plumes_ply
-from locate.export.report import ColouredPoints, ReportFrame, write_report
+from locate.export.report import write_report
 from locate.export.waypoints import write_cup, write_gpx
 from locate.journal.costs import StageTime
 from locate.map.plume import Plume, PlumeMap
+from locate.pipeline.config import RunConfig
 from locate.pipeline.detections import load_detections
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
+from locate.pipeline.overlay import wants_overlay, write_overlay
 from locate.pipeline.points import load_points
-from locate.pipeline.shown import coloured_points, report_frame, shown_rows
+from locate.pipeline.shown import coloured_points, report_frame, spread
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.recording.colours import undistorted_pictures
@@ -72,16 +74,39 @@ def publish(
     if plume_map.georeference is not None:
         for name, write in GEOREFERENCED.items():
             write(target.root / name, plume_map)
-    frames, points = _shown(source, key_frames, posed, files, plume_map)
+    _, indices, detections = load_detections(files.detections)
+    measured = dict(zip(posed.rows_of(indices).tolist(), detections, strict=True))
+    recording = source.open_frames(source.config.max_side)
+    if wants_overlay(source.config.overlay, key_frames):
+        write_overlay(
+            target.overlay,
+            undistorted_pictures(recording, posed, range(len(posed.indices))),
+            posed=posed,
+            key_frames=key_frames,
+            evidence={row: detection.llr for row, detection in measured.items()},
+            plume_map=plume_map,
+        )
+    pictures = dict(undistorted_pictures(recording, posed, spread(list(measured))))
     settings = source.config.to_plain() | {"version": __version__}
     write_report(
         target.report,
         plume_map=plume_map,
         trajectory=posed.trajectory,
-        points=points,
+        points=coloured_points(load_points(files.points), posed, pictures),
         voxels_in_world=voxels[:, :3],
         voxel_probability=voxels[:, 3],
-        frames=frames,
+        frames=[
+            report_frame(
+                picture,
+                measured[row],
+                posed=posed,
+                row=row,
+                key_frames=key_frames,
+                plume_map=plume_map,
+            )
+            for row, picture in pictures.items()
+        ],
+        video=target.overlay.name if target.overlay.exists() else None,
         stages=stages,
         settings={name: str(value) for name, value in settings.items() if value is not None},
     )
@@ -91,36 +116,10 @@ def publish(
     return written
 
 
-def _shown(
-    source: RecordingSource,
-    key_frames: KeyFrames,
-    posed: PosedFrames,
-    files: RunFiles,
-    plume_map: PlumeMap,
-) -> tuple[list[ReportFrame], ColouredPoints]:
-    """The frames of the report and the points of its scene, in colour."""
-    _, indices, detections = load_detections(files.detections)
-    rows = posed.rows_of(indices)
-    chosen = {int(rows[k]): detections[k] for k in shown_rows(len(indices))}
-    recording = source.open_frames(source.config.max_side)
-    pictures = dict(undistorted_pictures(recording, posed, list(chosen)))
-    frames = [
-        report_frame(
-            pictures[row],
-            detection,
-            posed=posed,
-            row=row,
-            key_frames=key_frames,
-            plume_map=plume_map,
-        )
-        for row, detection in chosen.items()
-    ]
-    return frames, coloured_points(load_points(files.points), posed, pictures)
-
-
-def publish_inputs() -> dict[str, Any]:
+def publish_inputs(config: RunConfig) -> dict[str, Any]:
     """What the report depends on beside the map."""
-    return {"pages": [fingerprint_path(resource_path(part)) for part in PAGE_PARTS]}
+    pages = [fingerprint_path(resource_path(part)) for part in PAGE_PARTS]
+    return {"pages": pages, "overlay": config.overlay}
 
 
 def _write_bag(

@@ -243,7 +243,7 @@ class Run:
         self.folder.stage(
             "report",
             after=("fusion",),
-            inputs=publish.publish_inputs(),
+            inputs=publish.publish_inputs(self.config),
             code=(publish,),
             build=lambda folder: publish.publish(
                 self.source,

@@ -1,6 +1,6 @@
 """What a run shows of its frames: in colour, with what was measured in them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,11 +17,10 @@ SMOOTHING_CELLS = 2.0
 """Standard deviation over which a displacement is averaged to be looked at; chosen by hand."""
 
 
-def shown_rows(count: int) -> list[int]:
-    """At most `MOST_SHOWN` of so many measured frames, evenly."""
-    return [
-        int(row) for row in np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round())
-    ]
+def spread(rows: Sequence[int]) -> list[int]:
+    """At most `MOST_SHOWN` of the measured frames, evenly."""
+    chosen = np.linspace(0, len(rows) - 1, min(len(rows), MOST_SHOWN)).round()
+    return [rows[int(k)] for k in chosen]
 
 
 def report_frame(

@@ -19,7 +19,7 @@ from locate.map.answer import Cause, Obstacle
 from locate.map.plume import Bearing, PlumeMap
 from tests.locate.answers import SOURCE, orbit, plume, plume_map
 
-VOID = {"meta", "img", "br", "input", "circle", "path"}
+VOID = {"meta", "img", "br", "input", "circle", "path", "polygon", "polyline"}
 NOTHING = np.zeros((0, 3))
 
 
@@ -294,3 +294,50 @@ def test_frusta_look_where_the_cameras_look() -> None:
     depth = trajectory.world_to_cam(3, wire[:4])
     np.testing.assert_allclose(depth[:, 2], 0.5)
     np.testing.assert_allclose(trajectory.camera.project(depth)[2], [63.0, 47.0], atol=1e-6)
+
+
+GEOREFERENCE = {
+    "origin_lat_deg": 60.0,
+    "origin_lon_deg": 25.0,
+    "origin_height_m": 10.0,
+    "height_datum": "WGS84 ellipsoid",
+}
+
+
+def test_on_the_earth_the_page_states_coordinates_and_draws_a_plan(tmp_path: Path) -> None:
+    answer = plume_map(plume(), georeference=GEOREFERENCE)
+    text = report(tmp_path / "r.html", answer, orbit(), points=np.zeros((3, 3)))
+    page = Page(text)
+    words = " ".join(page.words)
+    assert "59.9999982, 25.0000054" in words
+    assert "10.1 m above" in words
+    links = [attrs["href"] for tag, attrs in page.tags if tag == "a"]
+    assert links == [
+        "https://www.openstreetmap.org/?mlat=59.9999982&mlon=25.0000054"
+        "#map=19/59.9999982/25.0000054",
+        "geo:59.9999982,25.0000054",
+    ]
+    plan = re.search(r'<svg class="plan".*?</svg>', text, re.DOTALL)
+    assert plan is not None
+    assert ">N</text>" in plan[0]
+    # The scale bar is as long as it states, on the scale of the camera's path.
+    metres = float(re.search(r">([0-9.]+) m</text>", plan[0])[1])  # type: ignore[index]
+    left, right = re.search(r"M([0-9.]+) [0-9.]+v-6v6H([0-9.]+)v-6", plan[0]).groups()  # type: ignore[union-attr]
+    corners = re.search(r'<polyline class="path" points="([^"]*)"', plan[0])
+    assert corners is not None
+    path = np.array([pair.split(",") for pair in corners[1].split()], dtype=float)
+    span_m = np.linalg.norm(np.subtract(*orbit().centers_in_world[[0, -1], :2]))
+    span = np.linalg.norm(path[0] - path[-1])
+    assert (float(right) - float(left)) / metres == pytest.approx(span / span_m, rel=0.01)
+    assert path[-1, 1] < path[0, 1]  # the last camera stands further north: higher on the plan
+
+
+def test_off_the_earth_there_is_no_plan(tmp_path: Path) -> None:
+    text = report(tmp_path / "r.html", plume_map(plume()), orbit())
+    assert "On the Earth" not in text
+
+
+def test_the_overlay_video_is_named_where_there_is_one(tmp_path: Path) -> None:
+    for video, count in (("overlay.mp4", 1), (None, 0)):
+        text = report(tmp_path / "r.html", plume_map(plume()), orbit(), video=video)
+        assert sum(attrs.get("href") == "overlay.mp4" for _, attrs in Page(text).tags) == count

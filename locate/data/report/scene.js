@@ -16,6 +16,7 @@
       Object.assign(layout.scene[axis], { gridcolor: line, zerolinecolor: line, linecolor: line });
       if (narrow.matches) Object.assign(layout.scene[axis], { nticks: 4, tickfont: { size: 10 } });
     }
+    if (narrow.matches) for (const side of ["x", "y", "z"]) layout.scene.camera.eye[side] *= 1.4;
     return layout;
   };
 

@@ -11,6 +11,7 @@ from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.export.html import definition_rows, html_table, list_items, read_resource, write_page
 from locate.export.report import scene, words
+from locate.export.report.earth import earth_section
 from locate.export.report.gallery import ReportFrame, frame_gallery
 from locate.export.report.pictures import heat_stops
 from locate.export.report.scene import ColouredPoints
@@ -65,6 +66,7 @@ def write_report(
         "advice": _advice(plume_map),
         "pictures": frame_gallery(frames, plume_map, video),
         "table": _answer_table(plume_map),
+        "earth": earth_section(plume_map, trajectory, points.in_world),
         "limits": list_items([*words.limits(plume_map, trajectory), *notes]),
         "stages": _stage_table(stages),
         "settings": definition_rows(settings.items()),
