@@ -11,6 +11,7 @@ from detect.response import Response
 from geometry.arrays import IntArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError, first_complaint
+from geometry.json_text import parse_json
 from locate.journal.progress import Report
 from locate.recording.posed_frames import PosedFrames
 
@@ -115,9 +116,11 @@ class DetectionIndex(BaseModel):
         """
         path = folder / INDEX
         try:
-            return cls.model_validate_json(path.read_bytes())
+            return cls.model_validate(parse_json(path.read_text()))
         except OSError as error:
             raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
         except ValidationError as error:
             what = " ".join(first_complaint(error)).strip()
             raise BadInputError(f"{path}: not an index of detections ({what})") from error
+        except ValueError as error:
+            raise BadInputError(f"{path}: not an index of detections ({error})") from error

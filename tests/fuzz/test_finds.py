@@ -24,6 +24,7 @@ from geometry.printable import printable, printable_lines
 from geometry.removal import is_plain_name
 from locate.commands.console import PlainConsole
 from locate.export.kml import write_kml
+from locate.pipeline.detections import load_response
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points
 from locate.recording.index import KeyFrames
@@ -87,6 +88,15 @@ def test_arrays_that_are_no_real_numbers_are_refused(tmp_path: Path, dtype: str)
         read_npz(tmp_path / "a.npz")
     with pytest.raises(BadInputError, match="are not read"):
         Detection.load(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("number", ["1" + "0" * 400, "null", '"a"', "[]", "NaN"])
+def test_a_damaged_response_of_detections_is_refused(tmp_path: Path, number: str) -> None:
+    response = f'{{"ratios": [0.0, 1.0], "llr": [-1.0, {number}]}}'
+    text = f'{{"detector": "registered", "indices": [], "response": {response}}}'
+    (tmp_path / "index.json").write_text(text)
+    with pytest.raises(BadInputError, match=r"index\.json"):
+        load_response(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Faults while `locate run` is at work on its folder, and whether anything is lost by them."""

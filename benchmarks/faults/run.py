@@ -1,0 +1,49 @@
+"""Disturbs runs in every way, gives the command again, and compares with an undisturbed run.
+
+    python -m benchmarks.faults run [--kills 60] [--step 1] [--tries 6] [--only WORDS]
+
+Prints a table: how often it was tried, in how many cases the folder ended the same, and what was
+lost in the others. A run that is disturbed must end by the kill itself or by one line with exit
+code 2. Full disks are mounted in a name space of Linux (`unshare`).
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from benchmarks.faults.kinds import (
+    KINDS,
+    damage_files,
+    fail_at_changes,
+    kill_at_changes,
+    kill_at_random,
+)
+from benchmarks.faults.trial import Whole
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--kills", type=int, default=60, help="kills at random moments")
+    parser.add_argument("--step", type=int, default=1, help="every how many changes and files")
+    parser.add_argument(
+        "--tries", type=int, default=6, help="full disks of each kind, pairs of runs"
+    )
+    parser.add_argument("--only", default="", help="kinds whose name holds these words")
+
+
+def main(options: argparse.Namespace) -> None:
+    amounts = dict.fromkeys((kill_at_changes, fail_at_changes, damage_files), options.step)
+    amounts[kill_at_random] = options.kills
+    with tempfile.TemporaryDirectory() as work:
+        whole = Whole.make(Path(work))
+        print("| fault | tried | survived | lost |\n|---|---|---|---|", flush=True)
+        for name, disturb in KINDS.items():
+            if options.only in name:
+                amount = amounts.get(disturb, options.tries)
+                losses = list(disturb(whole, Path(work) / "out", amount))
+                lost = [loss for loss in losses if loss]
+                print(
+                    f"| {name} | {len(losses)} | {len(losses) - len(lost)} | {len(lost)} |",
+                    flush=True,
+                )
+                for loss in lost:
+                    print(f"    {name}: {loss}", flush=True)

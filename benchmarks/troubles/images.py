@@ -1,0 +1,185 @@
+"""What may befall the frames of any recording, each by its name."""
+
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+
+from geometry.arrays import FloatArray, FloatMap, GreyImage
+
+Trouble = Callable[[Sequence[GreyImage], np.random.Generator], list[GreyImage]]
+HAZE_PX, EXHAUST_PX = 0.7, 1.0
+"""Root mean square of what haze and exhaust displace, in frames 640 px wide."""
+
+
+def blur_by_motion(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """Blur along a direction that turns, up to 5 px long."""
+    angles = np.cumsum(rng.normal(0, 0.4, len(images)))
+    lengths = rng.uniform(1, 5, len(images))
+    return [
+        _whole(cv2.filter2D(image, -1, _line(length, angle)))
+        for image, length, angle in zip(images, lengths, angles, strict=True)
+    ]
+
+
+def lose_focus(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """An autofocus that hunts: Gaussian blur between 0 and 2 px, in some 12 frames."""
+    phases = 2 * np.pi * (np.arange(len(images)) / 12 + rng.random())
+    sigmas = 1 + np.sin(phases) + 1e-3
+    return [
+        _whole(cv2.GaussianBlur(image, (0, 0), s)) for image, s in zip(images, sigmas, strict=True)
+    ]
+
+
+def change_exposure(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """The exposure drifts by some 15 % and jumps by 25 % once."""
+    drift = np.cumsum(rng.normal(0, 0.04, len(images)))
+    jump = 0.25 * (np.arange(len(images)) >= len(images) * rng.uniform(0.3, 0.7))
+    gains = np.exp(drift - drift.mean() - jump)
+    return [_whole(image * gain) for image, gain in zip(images, gains, strict=True)]
+
+
+def rain(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """Streaks in every frame, and 12 drops on the lens that stay and bend the light."""
+    height, width = images[0].shape
+    centers = rng.uniform(0, 1, (12, 2)) * (width, height)
+    radii = rng.uniform(0.015, 0.04, 12) * width
+    shift = sum(
+        (
+            _lens(images[0].shape, center, radius)
+            for center, radius in zip(centers, radii, strict=True)
+        ),
+        np.zeros((height, width, 2), np.float32),
+    )
+    return [_add_streaks(_displace(image, shift), rng) for image in images]
+
+
+def darken(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """Night: a quarter of the light, and the noise of a sensor at high gain, 6 of 255."""
+    return [_whole(image / 4 + rng.normal(0, 6, image.shape)) for image in images]
+
+
+def cover_with_haze(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """Hot air everywhere: a random displacement, new in every frame, over the whole of it."""
+    return [_displace(image, _random_field(image.shape, HAZE_PX, rng)) for image in images]
+
+
+def drive_with_exhaust(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """The bonnet of one's own vehicle in the lowest sixth, and its hot air over a corner."""
+    height, width = images[0].shape
+    y, x = _unit_grid(height, width)
+    weight = np.exp(-(((x - 0.8) / 0.07) ** 2)) * np.clip((y - 0.45) / 0.2, 0, 1)
+    bonnet = cv2.GaussianBlur(images[0], (0, 0), width / 60)
+    spoilt = []
+    for image in images:
+        field = _random_field(image.shape, EXHAUST_PX, rng) * weight[..., None].astype(np.float32)
+        spoilt.append(np.where(y > 5 / 6, bonnet, _displace(image, field)))
+    return spoilt
+
+
+def distort(images: Sequence[GreyImage], _rng: np.random.Generator) -> list[GreyImage]:
+    """A lens whose corners lie 3 % further out, of which nobody tells."""
+    height, width = images[0].shape
+    y, x = _unit_grid(height, width)
+    away = np.stack([(x - 0.5) * width, (y - 0.5) * height], axis=-1)
+    radius = np.linalg.norm(away, axis=-1, keepdims=True) / (0.5 * np.hypot(width, height))
+    return [_displace(image, (0.03 * radius**2 * away).astype(np.float32)) for image in images]
+
+
+def roll_shutter(images: Sequence[GreyImage], _rng: np.random.Generator) -> list[GreyImage]:
+    """Rows read in half of the time between frames: each is shifted by its share of the motion."""
+    height, width = images[0].shape
+    rows = np.linspace(-0.25, 0.25, height, dtype=np.float32)[:, None, None]
+    motions = [
+        cv2.phaseCorrelate(before.astype(np.float32), after.astype(np.float32))[0]
+        for before, after in zip(images, [*images[1:], images[-1]], strict=True)
+    ]
+    return [
+        _displace(image, np.broadcast_to(rows * np.float32(motion), (height, width, 2)))
+        for image, motion in zip(images, motions, strict=True)
+    ]
+
+
+def compress(images: Sequence[GreyImage], _rng: np.random.Generator) -> list[GreyImage]:
+    """JPEG of quality 40."""
+    coded = [cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 40])[1] for image in images]
+    return [np.asarray(cv2.imdecode(file, cv2.IMREAD_GRAYSCALE), np.uint8) for file in coded]
+
+
+def leave(images: Sequence[GreyImage], _rng: np.random.Generator) -> list[GreyImage]:
+    """Nothing."""
+    return list(images)
+
+
+TROUBLES: dict[str, Trouble] = {
+    "none": leave,
+    "motion_blur": blur_by_motion,
+    "focus": lose_focus,
+    "exposure": change_exposure,
+    "rain": rain,
+    "night": darken,
+    "haze": cover_with_haze,
+    "exhaust": drive_with_exhaust,
+    "distortion": distort,
+    "rolling_shutter": roll_shutter,
+    "jpeg": compress,
+    "wrong_focal": leave,
+}
+"""By name; `wrong_focal` is what the run is told, not what befalls the frames."""
+
+
+def _whole(values: np.ndarray) -> GreyImage:
+    return np.asarray(np.rint(values).clip(0, 255), np.uint8)
+
+
+def _unit_grid(height: int, width: int) -> tuple[FloatArray, FloatArray]:
+    """Rows and columns of the pixels, 0 to 1."""
+    y, x = np.mgrid[:height, :width]
+    return y / height, x / width
+
+
+def _line(length: float, angle: float) -> FloatMap:
+    size = 2 * int(np.ceil(length)) + 1
+    kernel = np.zeros((size, size), np.float32)
+    half = np.array([np.cos(angle), np.sin(angle)]) * length / 2
+    middle = size // 2
+    for share in np.linspace(-1, 1, 4 * size):
+        x, y = np.rint(middle + share * half).astype(int)
+        kernel[y, x] += 1
+    return kernel / kernel.sum()
+
+
+def _displace(image: GreyImage, shift: FloatMap) -> GreyImage:
+    height, width = image.shape
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    return np.asarray(
+        cv2.remap(
+            image, x + shift[..., 0], y + shift[..., 1], cv2.INTER_CUBIC, None, cv2.BORDER_REFLECT
+        )
+    )
+
+
+def _random_field(shape: tuple[int, ...], rms_px: float, rng: np.random.Generator) -> FloatMap:
+    """(H, W, 2) smooth over a thirtieth of the width."""
+    height, width = shape
+    noise = rng.normal(size=(height // 4, width // 4, 2)).astype(np.float32)
+    field = cv2.resize(cv2.GaussianBlur(noise, (0, 0), width / 120), (width, height))
+    return np.asarray(field * (rms_px * width / 640 / field.std()), np.float32)
+
+
+def _lens(shape: tuple[int, ...], center: FloatArray, radius: float) -> FloatMap:
+    """(H, W, 2) of a drop, which turns what is behind it upside down towards its rim."""
+    height, width = shape
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    away = np.stack([x - center[0], y - center[1]], axis=-1)
+    share = np.clip(1 - (away**2).sum(axis=-1, keepdims=True) / radius**2, 0, 1)
+    return np.asarray(-1.5 * share * away, np.float32)
+
+
+def _add_streaks(image: GreyImage, rng: np.random.Generator) -> GreyImage:
+    height, width = image.shape
+    layer = np.zeros((height, width), np.float32)
+    for x, y, length in rng.uniform(0, 1, (width // 4, 3)) * (width, height, height / 12):
+        end = (round(x + length / 8), round(y + length))
+        cv2.line(layer, (round(x), round(y)), end, float(rng.uniform(15, 50)), 1, cv2.LINE_AA)
+    return _whole(image + layer)
