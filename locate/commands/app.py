@@ -14,8 +14,10 @@ from locate.commands.calibrate import calibrate
 from locate.commands.clean import clean
 from locate.commands.console import out
 from locate.commands.detect import detect
+from locate.commands.doctor import doctor
 from locate.commands.evaluate import evaluate
 from locate.commands.pattern import pattern
+from locate.commands.plan import plan
 from locate.commands.robot import robot
 from locate.commands.run import AGAIN, demo, run
 from locate.commands.simulate import simulate
@@ -46,7 +48,7 @@ def _ending_in_one_line(command: Callable[Given, None]) -> Callable[Given, None]
 
 COMMANDS = (
     *(run, demo, view, clean, survey, detect, adapt, simulate, evaluate, bos, pattern, train),
-    calibrate,
+    *(calibrate, plan, doctor),
 )
 for command in COMMANDS:
     app.command(epilog=AGAIN if command is run else None)(_ending_in_one_line(command))

@@ -1,0 +1,1 @@
+"""What a camera could see of a plume, before anything is filmed."""

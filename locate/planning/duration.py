@@ -1,0 +1,94 @@
+"""How long a run would take, by what its stages cost on a machine that was measured."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from detect.flow import dis_matcher
+from locate.recording import Recording
+
+SAMPLE_FRAMES, SAMPLE_MEASURED = 60, 16
+SAMPLE_PIXELS = 640 * 480
+POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 17.3, 14.6, 12.6, 1.3
+"""CPU s of the sample's stages (docs/accuracy.md, Cost)."""
+FEATURES_SHARE = 0.2
+"""Of the time of poses, what grows with the pixels: finding features."""
+REFERENCE_S = 0.045
+"""CPU s of `_work_once` on that machine."""
+TRIES = 5
+DECODED_FRAMES = 20
+"""Frames that are decoded to see what one costs."""
+READ_TWICE = 2
+"""The frames are looked at, then the chosen ones written."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTime:
+    """CPU seconds of the stages of a run, about; those of others double them on a busy machine.
+
+    Attributes:
+        frames_s: Reading every frame and choosing.
+        poses_s: Structure from motion; nothing of it where poses are given.
+        detections_s: Measuring refraction.
+        rest_s: Fusion and report.
+    """
+
+    frames_s: float
+    poses_s: float
+    detections_s: float
+    rest_s: float
+
+    @property
+    def total_s(self) -> float:
+        """Of all stages."""
+        return self.frames_s + self.poses_s + self.detections_s + self.rest_s
+
+
+def estimate_run_time(recording: Recording, *, max_frames: int, detection_frames: int) -> RunTime:
+    """What a run of this recording would take on this machine.
+
+    Reading is timed on the first frames. The other stages are those of the bundled sample, by
+    their frames and pixels, times what one piece of optical flow takes here over what it took
+    where the sample was measured.
+
+    Raises:
+        BadInputError: The frames cannot be read.
+    """
+    count = recording.expected_frames or max_frames
+    kept = min(count, max_frames)
+    pixels = recording.width * recording.height / SAMPLE_PIXELS
+    speed = min(_timed(_work_once) for _ in range(TRIES)) / REFERENCE_S
+    return RunTime(
+        frames_s=READ_TWICE * count * _seconds_a_frame(recording),
+        poses_s=speed * POSES_S * kept / SAMPLE_FRAMES * (1 + FEATURES_SHARE * (pixels - 1)),
+        detections_s=speed * DETECTIONS_S * min(kept, detection_frames) / SAMPLE_MEASURED * pixels,
+        rest_s=speed * (FUSION_S + REPORT_S),
+    )
+
+
+def _seconds_a_frame(recording: Recording) -> float:
+    frames = recording.frames()
+    next(frames)
+    start, read = time.process_time(), 0
+    for read, _ in enumerate(frames, start=1):
+        if read == DECODED_FRAMES:
+            break
+    return (time.process_time() - start) / max(read, 1)
+
+
+def _timed(work: Callable[[], None]) -> float:
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+def _work_once() -> None:
+    """Optical flow between two images of the sample's size, as the detector computes it."""
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 256, (480, 640), dtype=np.uint8)
+    image = cv2.GaussianBlur(noise, (0, 0), 2)
+    moved = np.roll(image, 2, axis=1)
+    dis_matcher(refinements=0).calc(image, moved, np.zeros((480, 640, 2), np.float32))

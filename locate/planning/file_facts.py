@@ -1,0 +1,74 @@
+"""What a recording is, as far as its file tells."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from geometry.errors import BadInputError
+from locate.pipeline.obstacles import FEWEST_FRAMES, FINE_CODING
+from locate.recording import Recording
+from locate.recording.video import open_video
+from locate.telemetry import read_telemetry, telemetry_candidates
+
+SLOW_FPS = 10.0
+Fact = tuple[str, str]
+
+
+def recording_facts(recording: Recording, *, max_side: int) -> Iterator[Fact]:
+    """What the file states of its frames: quantity and value."""
+    yield "frames", str(recording.expected_frames or "a number that the file does not state")
+    size = f"{recording.source_width}x{recording.source_height} px"
+    longest = max(recording.source_width, recording.source_height)
+    yield "size", f"{size}, reduced to {max_side} px" if longest > max_side else size
+    bits = recording.bits_per_pixel
+    if bits is not None:
+        yield from _video_facts(recording.path)
+        yield "coded with", f"{bits:.2f} bits for each pixel that is measured"
+    prior = recording.focal
+    if prior is None:
+        yield "focal length", "not stated; it is estimated, or give --focal or --camera"
+    else:
+        own_px = prior.relative * max(recording.source_width, recording.source_height)
+        yield "focal length", f"{own_px:.0f} px ({prior.source})"
+    if recording.read is None:
+        yield "telemetry", describe_telemetry(recording.path)
+
+
+def odd_things(recording: Recording) -> Iterator[str]:
+    """What makes a run of this recording less likely to show anything."""
+    yield from recording.warnings
+    if 0 < recording.expected_frames < FEWEST_FRAMES:
+        yield (f"only {recording.expected_frames} frames; walk round the place and take 60 or more")
+    bits = recording.bits_per_pixel
+    if bits is None:
+        return
+    if bits < FINE_CODING:
+        yield (
+            f"coded with {bits:.2f} bits a pixel, which hides weak plumes; record with the "
+            "highest rate, or photos"
+        )
+    with open_video(recording.path) as container:
+        fps = float(container.streams.video[0].average_rate or 0)
+    if 0 < fps < SLOW_FPS:
+        yield f"{fps:.1f} frames a second; a camera at rest needs {SLOW_FPS:.0f} to see air move"
+
+
+def describe_telemetry(path: Path) -> str:
+    """Where a position was found, and in how many records; else that there is none."""
+    for candidate in telemetry_candidates(path):
+        try:
+            track = read_telemetry(candidate)
+        except BadInputError:
+            continue
+        where = "its own" if candidate == path else candidate.name
+        return f"{where}, {int(track.has_position.sum())} positions"
+    return "none found; --telemetry names a log"
+
+
+def _video_facts(path: Path) -> Iterator[Fact]:
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        rate = float(stream.average_rate or 0)
+        yield "rate", f"{rate:.2f} frames a second" if rate else "not stated"
+        codec = stream.codec_context
+        samples = codec.pix_fmt or "unknown samples"
+        yield "codec", f"{codec.name}, {samples}, in {container.format.name}"
