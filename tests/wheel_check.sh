@@ -1,5 +1,6 @@
 #!/bin/sh
-# tests/wheel_check.sh PYTHON: builds the wheel, installs it alone, and runs it away from the sources.
+# tests/wheel_check.sh PYTHON: builds the wheel, installs it alone, without what no command
+# imports, and runs it away from the sources.
 set -eu
 python=$(realpath -s "$1")
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -9,6 +10,7 @@ trap 'rm -rf "$work"' EXIT
 "$python" -m build --outdir "$work" "$root" >"$work/build.log" 2>&1 || { cat "$work/build.log"; exit 1; }
 "$root/.ci/venv" "$work/venv"
 "$work/venv/bin/python" -m pip install --quiet --disable-pip-version-check -c "$root/constraints.txt" "$work"/*.whl
+"$root/.ci/slim" "$work/venv"
 
 cd "$work"
 PATH=$work/venv/bin:$PATH
