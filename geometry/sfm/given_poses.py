@@ -1,12 +1,13 @@
 """Given poses held against the images: where poses let a feature go, it must be found."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from geometry.arrays import FloatArray, GreyImage
+from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.sfm.checks import MIN_SUPPORT, MIN_SUPPORT_ALONE
 from geometry.trajectory import Trajectory
@@ -30,6 +31,16 @@ MIN_PAIRS = 3
 SUPPORT_SHARE = 0.005
 """Distance, over the longest side, within which poses explain a match; for imprecise poses."""
 
+PRECISE = 0.001
+"""The same for poses and a camera that are precise."""
+FOCAL_FACTORS = (0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.4)
+"""Changes of the focal length that are tried."""
+MORE, MUCH_MORE = 0.1, 1.2
+"""Share of precise matches by which, and times which, another focal length has to explain more.
+Of the bundled sample, true poses explain 88 %, with a focal length 5 % off 79 %, 25 % off 44 %."""
+WRONG_FOCAL = 1.2
+"""Factor from which on a focal length is refused, not doubted; chosen."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class GivenSupport:
@@ -38,10 +49,13 @@ class GivenSupport:
     Attributes:
         share: Of verified matches that the poses explain, mean of the pairs.
         pairs: How many pairs of frames say something.
+        focal_factor: By which the focal length would have to be longer for the poses to explain
+            far more of the matches precisely; 1 where none does.
     """
 
     share: float
     pairs: int
+    focal_factor: float = 1.0
 
 
 def check_given_poses(trajectory: Trajectory, images: Sequence[GreyImage]) -> tuple[str, ...]:
@@ -67,6 +81,18 @@ def check_given_poses(trajectory: Trajectory, images: Sequence[GreyImage]) -> tu
             "of another camera, or turned otherwise; check names, indices, times and axes, or "
             "leave the poses out"
         )
+    if found.focal_factor != 1:
+        change = f"{abs(found.focal_factor - 1):.0%}"
+        wrong = f"{change} {'longer' if found.focal_factor > 1 else 'shorter'}"
+        if not 1 / WRONG_FOCAL < found.focal_factor < WRONG_FOCAL:
+            raise BadInputError(
+                f"with a focal length about {wrong} the poses explain far more of the matches "
+                "between frames: it is of another camera, zoom or image size"
+            )
+        return (
+            f"The given camera is doubtful: with a focal length about {wrong} the poses explain "
+            "far more of the matches between frames.",
+        )
     if found.share < MIN_SUPPORT_ALONE:
         return (f"The given poses are doubtful: they explain only {told}.",)
     return ()
@@ -74,17 +100,48 @@ def check_given_poses(trajectory: Trajectory, images: Sequence[GreyImage]) -> tu
 
 def measure_support(trajectory: Trajectory, images: Sequence[GreyImage]) -> GivenSupport:
     """How well N cameras explain matches between some of their N images."""
+    side = max(trajectory.camera.width, trajectory.camera.height)
+    pairs = [
+        (first, second, pixels)
+        for first, second, pixels in _match_frames(images)
+        if np.median(np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)) >= MIN_MOTION_SHARE * side
+    ]
+    if not pairs:
+        return GivenSupport(share=0.0, pairs=0)
+    zoomed = {
+        factor: replace(trajectory, camera=_with_longer_focal(trajectory.camera, factor))
+        for factor in FOCAL_FACTORS
+    }
+    precise = {factor: _mean_share(cameras, pairs, PRECISE) for factor, cameras in zoomed.items()}
+    best = max(precise, key=lambda factor: precise[factor])
+    better = precise[best] > MUCH_MORE * precise[1.0] and precise[best] - precise[1.0] > MORE
+    return GivenSupport(
+        share=_mean_share(trajectory, pairs, SUPPORT_SHARE),
+        pairs=len(pairs),
+        focal_factor=best if better else 1.0,
+    )
+
+
+def _mean_share(
+    trajectory: Trajectory, pairs: Sequence[tuple[int, int, FloatArray]], within: float
+) -> float:
+    """Share of matches explained to within so much of the longest side, mean of the pairs."""
     camera = trajectory.camera
-    side = max(camera.width, camera.height)
+    limit_rad = within * max(camera.width, camera.height) / camera.focal_px
     shares = []
-    for first, second, pixels in _match_frames(images):
-        moved = np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)
-        if np.median(moved) < MIN_MOTION_SHARE * side:
-            continue
+    for first, second, pixels in pairs:
         rays = camera.rays(pixels)
-        off_px = camera.focal_px * angles_to_arcs(trajectory, first, second, rays[:, 0], rays[:, 1])
-        shares.append(float(np.mean(off_px < SUPPORT_SHARE * side)))
-    return GivenSupport(share=float(np.mean(shares)) if shares else 0.0, pairs=len(shares))
+        off_rad = angles_to_arcs(trajectory, first, second, rays[:, 0], rays[:, 1])
+        shares.append(np.mean(off_rad < limit_rad))
+    return float(np.mean(shares))
+
+
+def _with_longer_focal(camera: Camera, factor: float) -> Camera:
+    model = camera.to_colmap()
+    params = np.array(model.params, dtype=float)
+    params[list(model.focal_length_idxs())] *= factor
+    model.params = params.tolist()
+    return Camera.from_colmap(model)
 
 
 def angles_to_arcs(

@@ -77,6 +77,24 @@ def test_other_axes_and_directions_are_refused(walk: Trajectory, images: list[np
             check_given_poses(wrong, images)
 
 
+@pytest.mark.parametrize(("factor", "said"), [(0.9, "longer"), (1.11, "shorter")])
+def test_a_focal_length_that_is_somewhat_off_is_doubted(
+    walk: Trajectory, images: list[np.ndarray], factor: float, said: str
+) -> None:
+    camera = Camera.pinhole(WIDTH, HEIGHT, FOCAL * factor)
+    (note,) = check_given_poses(replace(walk, camera=camera), images)
+    assert f"camera is doubtful: with a focal length about 10% {said}" in note
+
+
+@pytest.mark.parametrize(("factor", "said"), [(0.75, "longer"), (1.4, "shorter")])
+def test_a_focal_length_of_another_zoom_is_refused(
+    walk: Trajectory, images: list[np.ndarray], factor: float, said: str
+) -> None:
+    camera = Camera.pinhole(WIDTH, HEIGHT, FOCAL * factor)
+    with pytest.raises(BadInputError, match=rf"about \d\d% {said} .* another camera, zoom"):
+        check_given_poses(replace(walk, camera=camera), images)
+
+
 def test_the_frame_of_the_world_does_not_matter(walk: Trajectory, images: list[np.ndarray]) -> None:
     turn = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
     turned = replace(walk, rotations=walk.rotations @ turn, translations=40 * walk.translations)
