@@ -14,6 +14,7 @@ from geometry.errors import BadInputError
 from geometry.stretch import MOST_BITS, Stretch
 from locate.recording.formats import DEEP_SUFFIXES
 from locate.recording.images import read_samples
+from locate.recording.streams import picture_stream
 
 SAMPLED = 9
 """Frames from which the stretch is chosen, spread over the recording."""
@@ -61,7 +62,7 @@ def _deep_photos(paths: Sequence[Path]) -> Iterator[NDArray[np.uint16]]:
 
 def _deep_video_frames(path: Path) -> Iterator[NDArray[np.uint16]]:
     with av.open(str(path.absolute())) as container:
-        container.streams.video[0].thread_type = "AUTO"
+        picture_stream(container).thread_type = "AUTO"
         for frame in _spread_frames(container):
             if not _is_deep(frame):
                 return
@@ -72,7 +73,9 @@ def _spread_frames(container: Any) -> Iterator[av.VideoFrame]:
     """Frames at evenly spread times; of a file that does not know its length, the first ones."""
     start, length = container.start_time or 0, container.duration or 0
     if not length:
-        yield from islice(container.decode(video=0), 0, MOST_SKIPPED, MOST_SKIPPED // SAMPLED)
+        yield from islice(
+            container.decode(picture_stream(container)), 0, MOST_SKIPPED, MOST_SKIPPED // SAMPLED
+        )
         return
     for time in np.linspace(0, LAST * length, SAMPLED):
         frame = _frame_at(container, start + int(time))
@@ -85,7 +88,7 @@ def _frame_at(container: Any, time: int) -> av.VideoFrame | None:
     frame = None
     try:
         container.seek(time, backward=True)
-        for frame in islice(container.decode(video=0), MOST_SKIPPED):
+        for frame in islice(container.decode(picture_stream(container)), MOST_SKIPPED):
             if frame.time is None or frame.time * av.time_base >= time:
                 break
     except (OSError, ValueError, av.error.FFmpegError):

@@ -16,6 +16,7 @@ from locate.recording.depth import grey_of_frame
 from locate.recording.display import PictureGeometry
 from locate.recording.fields import FILTER, merge_fields
 from locate.recording.formats import TOO_LARGE
+from locate.recording.streams import describe_other_streams, picture_stream
 
 CODED_FRAMES = 300
 """Frames that show how a video is coded: some seconds, with whole frames among them."""
@@ -38,7 +39,7 @@ def open_video(path: Path) -> "av.container.InputContainer":
     if not container.streams.video:
         container.close()
         raise BadInputError(f"{path}: holds no video stream")
-    stream = container.streams.video[0]
+    stream = picture_stream(container)
     if stream.codec_context is None:
         container.close()
         raise BadInputError(f"{path}: its video stream is of no codec that can be decoded")
@@ -52,7 +53,7 @@ def start_of_video_s(container: "av.container.InputContainer") -> float:
     """When the first frame is shown, s on the clock that all streams of the file share."""
     if not container.streams.video:
         return 0.0
-    stream = container.streams.video[0]
+    stream = picture_stream(container)
     if stream.start_time is None or stream.time_base is None:
         return 0.0
     return float(stream.start_time * stream.time_base)
@@ -69,7 +70,7 @@ def _declared_end_s(container: "av.container.InputContainer") -> float:
 def read_video_header(path: Path) -> tuple[dict[str, str], int]:
     """Metadata, and the number of frames by the stream or by the duration; 0 where unknown."""
     with open_video(path) as container:
-        stream = container.streams.video[0]
+        stream = picture_stream(container)
         length_s = _declared_end_s(container) - start_of_video_s(container)
         count = stream.frames or round(length_s * float(stream.average_rate or 0))
         return container.metadata | stream.metadata, max(0, count)
@@ -78,7 +79,7 @@ def read_video_header(path: Path) -> tuple[dict[str, str], int]:
 def bits_per_frame(path: Path) -> float:
     """What the first frames of a video are coded with on average; 0 where there are none."""
     with open_video(path) as container:
-        packets = islice(container.demux(container.streams.video[0]), CODED_FRAMES)
+        packets = islice(container.demux(picture_stream(container)), CODED_FRAMES)
         sizes = [packet.size for packet in packets if packet.size]
     return 8 * sum(sizes) / max(1, len(sizes))
 
@@ -104,7 +105,7 @@ def video_images(
     """
     count, time_s = 0, 0.0
     with open_video(path) as container:
-        stream = container.streams.video[0]
+        stream = picture_stream(container)
         stream.thread_type = "AUTO"
         rate = float(stream.average_rate or 25)
         start_s = start_of_video_s(container)
@@ -116,7 +117,8 @@ def video_images(
             image = grey_of_frame(frame, stretch)
             geometry = PictureGeometry.of(frame, stream)
             if count == 1:
-                _add_notes(warnings, path, geometry.describe(image))
+                notes = [*describe_other_streams(container), *geometry.describe(image)]
+                _add_notes(warnings, path, notes)
             yield time_s, path.name, geometry.show(image)
     if decoded.interlaced:
         _add_notes(warnings, path, [f"its frames are interlaced; {FILTER} deinterlaced them"])
@@ -132,7 +134,7 @@ def video_pictures(path: Path, indices: Collection[int]) -> Iterator[tuple[int, 
         Number and picture, (H, W, 3) blue, green, red; none of what cannot be decoded.
     """
     with open_video(path) as container:
-        stream = container.streams.video[0]
+        stream = picture_stream(container)
         stream.thread_type = "AUTO"
         decoded = _DecodedFrames(container=container, stream=stream)
         frames = islice(merge_fields(decoded.frames()), max(indices, default=-1) + 1)

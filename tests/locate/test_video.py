@@ -9,6 +9,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from av.stream import Disposition
 
 from geometry.errors import BadInputError
 from locate.recording import KeyFrames, open_recording, select_frames
@@ -247,6 +248,54 @@ def test_written_frames_are_lossless_and_times_exact(tmp_path: Path) -> None:
         image = cv2.imread(str(tmp_path / "frames" / frame.name), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(image, frames[frame.index])
     np.testing.assert_allclose(kept.times_s, np.array(pts)[kept.indices] / 1000)
+
+
+@pytest.mark.parametrize("first", ["small", "large"])
+def test_the_largest_of_several_streams_is_used(tmp_path: Path, first: str) -> None:
+    large = pan([5.0 * i for i in range(12)])
+    small = [frame[: HEIGHT // 2, : WIDTH // 2] for frame in second_shot(12)]
+    given = [small, large] if first == "small" else [large, small]
+    path = tmp_path / "two.mkv"
+    with av.open(str(path), "w") as container:
+        streams = []
+        for images in given:
+            stream = container.add_stream("ffv1", rate=25)
+            stream.height, stream.width = images[0].shape
+            stream.pix_fmt = "gray"
+            streams.append(stream)
+        for i in range(12):
+            for stream, images in zip(streams, given, strict=True):
+                image = np.ascontiguousarray(images[i])
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+        for stream in streams:
+            container.mux(stream.encode(None))
+    kept = keep(path, tmp_path)
+    image = cv2.imread(str(tmp_path / "frames" / kept.names[0]), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(image, large[0])
+    (note,) = kept.warnings
+    assert f"holds 2 video streams; that of {WIDTH}x{HEIGHT} is used" in note
+
+
+def test_a_cover_picture_is_no_recording(tmp_path: Path) -> None:
+    path = tmp_path / "cover.mp4"
+    images = pan([5.0 * i for i in range(12)])
+    cover = np.ascontiguousarray(np.tile(images[0], (2, 2)))
+    with av.open(str(path), "w") as container:
+        sleeve = container.add_stream("mjpeg", rate=1)
+        sleeve.height, sleeve.width = cover.shape
+        sleeve.pix_fmt, sleeve.disposition = "yuvj420p", Disposition.attached_pic
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.height, stream.width = images[0].shape
+        stream.pix_fmt = "yuv420p"
+        for target, frames in ((sleeve, [cover]), (stream, images)):
+            for image in frames:
+                frame = av.VideoFrame.from_ndarray(image, format="gray")
+                container.mux(target.encode(frame.reformat(format=target.pix_fmt)))
+            container.mux(target.encode(None))
+    recording = open_recording(path)
+    assert (recording.width, recording.height) == (WIDTH, HEIGHT)
+    assert len(list(recording.frames())) == 12
+    assert recording.warnings == []
 
 
 def test_index_survives_its_file(tmp_path: Path) -> None:
