@@ -3,9 +3,10 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from math import hypot, isfinite, isnan, nan, sqrt
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from xml.etree import ElementTree
 
 import exifread
@@ -13,6 +14,8 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from locate.recording.decoders import heif_exif
+from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.recording.photo_folder import list_photos
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.bounded import report_as_bad_input
@@ -127,14 +130,16 @@ def _read_photo(photo: Path, refused: list[RefusedText]) -> Record:
     with report_as_bad_input(photo, KIND), photo.open("rb") as file:
         header = file.read(XMP_BYTES)
         file.seek(0)
-        tags = exifread.process_file(file, details=False, extract_thumbnail=False)
+        is_heif = kind_of_photo(photo, header) is PhotoKind.HEIF
+        exif: BinaryIO = BytesIO(heif_exif(photo).removeprefix(b"Exif\0\0")) if is_heif else file
+        tags = exifread.process_file(exif, details=False, extract_thumbnail=False)
     found: list[RefusedText] = []
     with report_as_bad_input(photo, KIND):
-        xmp, exif = _xmp_record(header), _exif_record(tags, photo.name, found)
-    record = xmp | exif
+        xmp, own = _xmp_record(header), _exif_record(tags, photo.name, found)
+    record = xmp | own
     has_position = {"latitude_deg", "longitude_deg"} <= record.keys()
     refused += [entry for entry in found if not (entry.is_position and has_position)]
-    return record | {"ellipsoidal": max(xmp.get("ellipsoidal", 0.0), exif["ellipsoidal"])}
+    return record | {"ellipsoidal": max(xmp.get("ellipsoidal", 0.0), own["ellipsoidal"])}
 
 
 def _exif_record(tags: Mapping[str, Any], name: str, refused: list[RefusedText]) -> Record:

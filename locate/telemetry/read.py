@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from geometry.errors import BadInputError
+from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.telemetry import (
     ardupilot,
     ass,
@@ -75,7 +76,8 @@ def read_telemetry(path: Path) -> TelemetryTrack:
             return read(path)
     if ardupilot.looks_like_tlog(head):
         return ardupilot.read_tlog(path)
-    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+    is_webp = head[:4] == b"RIFF" and head[8:12] == b"WEBP"
+    if is_webp or kind_of_photo(path, head) is not PhotoKind.PLAIN:
         return read_photos(path)
     if b"\0" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return read_gpmf(path) or read_subtitles(path)

@@ -215,12 +215,17 @@ def write_photo(
     coded = cv2.imencode(".jpg", np.full((16, 16), 90, np.uint8))[1].tobytes()
     segments = b""
     if gps is not None:
-        segments += _segment(b"Exif\0\0" + _tiff(gps, 0x8825))
+        segments += _segment(exif_block(gps))
     if exif is not None:
         segments += _segment(b"Exif\0\0" + _tiff(exif, 0x8769))
     if xmp:
         segments += _segment(b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode())
     path.write_bytes(coded[:2] + segments + coded[2:])
+
+
+def exif_block(gps: dict[int, Any]) -> bytes:
+    """EXIF with GPS tags alone, as stored in photos of any format."""
+    return b"Exif\0\0" + _tiff(gps, 0x8825)
 
 
 def _segment(content: bytes) -> bytes:

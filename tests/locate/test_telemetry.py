@@ -238,6 +238,18 @@ def test_photos(tmp_path: Path) -> None:
     assert (found.clock, found.clock_s[0]) == (Clock.UTC, NOON_S + 1815)
 
 
+def test_positions_of_heic_photos(tmp_path: Path) -> None:
+    pillow_heif = pytest.importorskip("pillow_heif", reason="the extra `heif` is not installed")
+    exif = recorded.exif_block(recorded.GPS_TAGS)
+    photo = pillow_heif.from_bytes(mode="RGB", size=(64, 48), data=bytes(64 * 48 * 3))
+    photo.save(tmp_path / "a.heic", exif=exif)
+    for path in (tmp_path, tmp_path / "a.heic"):
+        track = read_telemetry(path)
+        assert track.names == ("a.heic",)
+        np.testing.assert_allclose([track.latitude_deg, track.longitude_deg], [[-46.51], [-91.255]])
+        assert track.altitude_m[0] == 198.25
+
+
 def test_a_photo_may_say_that_its_height_is_ellipsoidal(tmp_path: Path) -> None:
     recorded.write_photo(tmp_path / "a.jpg", gps={**recorded.GPS_TAGS, 5: 2})
     assert read_telemetry(tmp_path / "a.jpg").altitude_datum is AltitudeDatum.ELLIPSOID
