@@ -48,6 +48,7 @@ class RegistrationFailure(Enum):
     LOW_TEXTURE = "too little texture"
     SPLIT_MODELS = "broke into several models"
     FOCAL_DIVERGED = "focal length ran away"
+    SEVERAL_ZOOMS = "several zooms"
     IMPLAUSIBLE_POSES = "implausible poses"
 
 

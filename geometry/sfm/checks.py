@@ -70,6 +70,10 @@ CURES = {
         "give the focal length with --focal or a calibrated camera with --camera, "
         "or film from more directions"
     ),
+    RegistrationFailure.SEVERAL_ZOOMS: (
+        "a run has one camera; run the photos of each zoom from a folder of their own, or cut the "
+        "video where the zoom changes"
+    ),
     RegistrationFailure.IMPLAUSIBLE_POSES: (
         "two methods disagree about the path; film more slowly, with more overlap, "
         "or give poses with --poses"

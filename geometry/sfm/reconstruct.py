@@ -16,7 +16,7 @@ from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.lens_calibration import LensName
-from geometry.sfm import checks, features, mapping, result, summary
+from geometry.sfm import checks, features, mapping, result, summary, zooms
 from geometry.sfm.covariance import pose_covariances
 from geometry.sfm.gauge import normalising_transform
 
@@ -127,6 +127,7 @@ def reconstruct(
         solution = _map_and_verify(job)
         report_progress("adjusting", 0.0)
         mapping.adjust_bundle(solution.model, refine_camera=job.refine)
+        _check_zoom(solution.model)
         finished = _finish_reconstruction(job, solution, indices, times_s, ordered, focal_prior_px)
         report_progress("adjusting", 1.0)
         return finished
@@ -234,6 +235,17 @@ def _map_incrementally(job: _MappingJob, names: list[str]) -> list[pycolmap.Reco
         names=names,
         on_image=on_image if len(names) == len(job.names) else None,
     )
+
+
+def _check_zoom(model: pycolmap.Reconstruction) -> None:
+    """Raises where the images are of several zooms, which one camera would place wrongly."""
+    by_name = zooms.focal_lengths_by_image(model)
+    names, focal_px = list(by_name), np.array(list(by_name.values()))
+    groups = zooms.group_zooms(focal_px)
+    if len(groups) > 1:
+        raise checks.registration_error(
+            RegistrationFailure.SEVERAL_ZOOMS, zooms.describe_zooms(names, focal_px, groups)
+        )
 
 
 def _registered_share(model: pycolmap.Reconstruction, job: _MappingJob) -> float:

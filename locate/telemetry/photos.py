@@ -1,5 +1,6 @@
 """Where photos were taken, by their own EXIF and XMP."""
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from locate.telemetry.clock import parse_date_time, posix_s
 from locate.telemetry.refused import RefusedText, raise_if_all_refused, summarize_refused
 from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # a line for each photo without EXIF
 KIND = "photo"
 XMP_BYTES = 2**20
 """The XMP of a photo is within its first bytes, so many."""

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.lens_calibration import LensName
-from geometry.sfm import Reconstruction, checks, features, mapping, reconstruct
+from geometry.sfm import Reconstruction, checks, features, mapping, reconstruct, zooms
 from geometry.sfm.reconstruct import STAGES
 from geometry.sfm.summary import triangulation_angles_deg
 from geometry.similarity import align_points
@@ -170,6 +170,45 @@ def test_the_lens_that_was_asked_for_is_estimated(
     assert camera.model == model
     assert camera.focal_px == pytest.approx(300 if lens == "fisheye" else FOCAL, rel=0.03)
     assert np.median(rotation_errors_deg(found, room_poses, np.arange(10))) < 0.2
+
+
+def zoomed(image: np.ndarray, factor: float) -> np.ndarray:
+    """As an optical zoom in on the middle shows it."""
+    middle = np.array([WIDTH - 1, HEIGHT - 1]) / 2
+    matrix = np.column_stack([factor * np.eye(2), (1 - factor) * middle])
+    return cv2.warpAffine(image, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
+
+
+def test_photos_of_two_zooms_that_do_not_say_so_are_refused(
+    tmp_path: Path, room_images: list[np.ndarray]
+) -> None:
+    images = [*room_images[:6], *(zoomed(image, 1.4) for image in room_images[6:])]
+    error = failure_of(tmp_path, images, ordered=False)
+    assert error.failure is RegistrationFailure.SEVERAL_ZOOMS
+    assert "the frames are of 2 zooms: 6 of" in str(error)
+    assert "4 of" in str(error)
+    assert "(000006.png ...)" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "sizes"),
+    [
+        (np.full(12, 500.0), [12]),
+        (np.r_[np.full(8, 500.0), np.full(4, 700.0)], [8, 4]),
+        (np.r_[np.full(4, 500.0), np.full(8, 700.0), np.full(5, 900.0)], [8, 5, 4]),
+        (np.r_[np.full(11, 500.0), 900.0, 300.0], [13]),
+        (np.linspace(400, 900, 20), [20]),
+        (np.r_[np.linspace(450, 550, 10), np.linspace(610, 700, 10)], [20]),
+        (np.r_[np.full(6, 500.0), np.full(6, 530.0)], [12]),
+    ],
+    ids=["one", "two", "three", "outliers", "scatter", "wide gap", "focus"],
+)
+def test_zooms_are_told_where_they_are_clear(focal_px: np.ndarray, sizes: list[int]) -> None:
+    order = np.random.default_rng(0).permutation(len(focal_px))
+    groups = zooms.group_zooms(focal_px[order])
+    assert [len(rows) for rows in groups] == sizes
+    for rows in groups if len(groups) > 1 else ():
+        assert np.ptp(focal_px[order][rows]) == 0
 
 
 def test_room_is_put_into_a_scene_frame(tmp_path: Path, room_images: list[np.ndarray]) -> None:
