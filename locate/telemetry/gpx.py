@@ -1,5 +1,6 @@
 """Tracks in GPX, the exchange format of hand-held receivers (extra ``gpx``)."""
 
+from datetime import UTC, datetime
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,10 @@ def parse_gpx(text: str, path: Path) -> TelemetryTrack:
         import gpxpy
 
         columns = columns_of(_point_record(point) for point, *_ in gpxpy.parse(text).walk())
+    if not columns:
+        raise BadInputError(
+            f"{path}: GPX without track points; its waypoints and routes are not where a camera was"
+        )
     return track_from_columns(
         path, KIND, columns, datum=AltitudeDatum.MEAN_SEA_LEVEL, clock=Clock.UTC
     )
@@ -43,5 +48,10 @@ def _point_record(point: Any) -> Record:
         "latitude_deg": point.latitude,
         "longitude_deg": point.longitude,
         "altitude_m": nan if point.elevation is None else point.elevation,
-        "clock_s": nan if point.time is None else point.time.timestamp(),
+        "clock_s": nan if point.time is None else _utc_s(point.time),
     }
+
+
+def _utc_s(moment: datetime) -> float:
+    """Seconds since 1970; a time without a zone is UTC (GPX 1.1 schema), not that of this place."""
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

@@ -2,6 +2,7 @@
 
 import struct
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -92,6 +93,24 @@ def test_gpx(tmp_path: Path) -> None:
     assert found.altitude_m == pytest.approx([520.5, 530.5])
     assert found.altitude_datum is AltitudeDatum.MEAN_SEA_LEVEL
     assert (found.clock, found.clock_s[0]) == (Clock.UTC, NOON_S)
+
+
+def test_gpx_times_without_a_zone_are_utc_wherever_this_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.gpx").write_text(recorded.GPX.replace("00Z<", "00<").replace("2.5Z<", "2.5<"))
+    with monkeypatch.context() as patched:
+        patched.setenv("TZ", "America/New_York")
+        time.tzset()
+        track = read_telemetry(tmp_path / "a.gpx")
+    time.tzset()
+    np.testing.assert_allclose(track.clock_s, [1_682_942_400, 1_682_942_402.5])
+
+
+def test_gpx_without_track_points_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.gpx").write_text(recorded.GPX.replace("trkpt", "wpt"))
+    with pytest.raises(BadInputError, match="GPX without track points"):
+        read_telemetry(tmp_path / "a.gpx")
 
 
 def test_an_entity_bomb_is_refused(tmp_path: Path) -> None:
