@@ -43,8 +43,9 @@ def foreseen_obstacles(key_frames: KeyFrames) -> tuple[Obstacle, ...]:
                 cause=Cause.LITTLE_OVERLAP,
                 why=f"From one frame to the next the image moves by {motion:.0%} of its width: "
                 "too few frames show the same part of the scene.",
-                remedy=f"Move more slowly, or film at more frames a second: below {MOST_MOTION:.0%}"
-                " of the width from one frame to the next.",
+                remedy="Move more slowly, film at more frames a second, or raise --max-frames if "
+                f"it leaves frames out: below {MOST_MOTION:.0%} of the width from one frame to the "
+                "next.",
             )
         )
     bits = key_frames.bits_per_pixel

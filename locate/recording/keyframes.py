@@ -58,12 +58,15 @@ def select_frames(
     """
     watched = watch_recording(recording, target_motion, progress, shot=shot)
     every, spaced, still = watched.frames, watched.spaced, at_rest or watched.still
+    thinned: list[str] = []
     if still:
         chosen = _at_rest(every, max_frames, in_time=recording.is_video)
-    elif recording.is_video and len(spaced) >= MIN_KEY_FRAMES:
-        chosen = _spread_evenly(spaced, np.arange(len(spaced)), max_frames)
     else:
-        chosen = _spread_evenly(every, np.cumsum([frame.motion_px for frame in every]), max_frames)
+        by_motion = recording.is_video and len(spaced) >= MIN_KEY_FRAMES
+        wanted = spaced if by_motion else every
+        motions = [1.0 if by_motion else frame.motion_px for frame in wanted]
+        chosen = _spread_evenly(wanted, np.cumsum(motions), max_frames)
+        thinned = _note_thinned(recording, len(wanted), len(chosen))
     kept = _write_frames(recording, chosen, folder, progress)
     return KeyFrames(
         frames=tuple(kept),
@@ -74,8 +77,19 @@ def select_frames(
         focal_prior_px=recording.focal_prior_px,
         focal_source=recording.focal.source if recording.focal else None,
         bits_per_pixel=recording.bits_per_pixel,
-        warnings=(*recording.warnings, *watched.notes),
+        warnings=(*recording.warnings, *watched.notes, *thinned),
     )
+
+
+def _note_thinned(recording: Recording, wanted: int, chosen: int) -> list[str]:
+    """What the most frames leave out of a moving camera's recording."""
+    if chosen == wanted:
+        return []
+    what = "frames that its motion asks for" if recording.is_video else "photos"
+    return [
+        f"{recording.path.name}: {chosen} of {wanted} {what} are used, spread evenly; "
+        f"--max-frames {wanted} uses all"
+    ]
 
 
 def _spread_evenly(

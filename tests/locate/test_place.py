@@ -1,4 +1,5 @@
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from locate.pipeline.placement import Placement
 from locate.recording.index import KeyFrame, KeyFrames
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.scene import PathBlock, Scene, VideoBlock
+from locate.telemetry import telemetry_candidates
+from tests.locate import recorded
 
 ORIGIN = Georeference(lat_deg=47.2, lon_deg=8.5, height_m=450.0, datum=HeightDatum.MEAN_SEA_LEVEL)
 GPS_SIGMA_M = 0.5
@@ -71,6 +74,32 @@ def test_photos_with_gps_are_placed_on_the_earth(flight: Trajectory, tmp_path: P
     np.testing.assert_allclose(
         np.ptp(moved.centers_in_world, axis=0), np.ptp(flight.centers_in_world, axis=0), atol=1.0
     )
+
+
+def test_photos_are_placed_by_a_gpx_beside_them(flight: Trajectory, tmp_path: Path) -> None:
+    whole_seconds = flight.take(np.arange(0, len(flight), 2))
+    begin = datetime(2024, 5, 1, 12, 0, 0, tzinfo=UTC)
+    places = ORIGIN.lat_lon_height(whole_seconds.centers_in_world)
+    points = ""
+    for (lat, lon, height), t in zip(places, whole_seconds.times_s, strict=True):
+        moment = begin + timedelta(seconds=float(t))
+        points += f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}"><ele>{height:.3f}</ele>'
+        points += f"<time>{moment:%Y-%m-%dT%H:%M:%SZ}</time></trkpt>"
+    for index, t in zip(whole_seconds.indices, whole_seconds.times_s, strict=True):
+        local = begin + timedelta(hours=2, seconds=float(t))
+        exif = {0x9003: f"{local:%Y:%m:%d %H:%M:%S}"}
+        recorded.write_photo(tmp_path / f"P{index:03d}.JPG", exif=exif)
+    head = '<?xml version="1.0"?><gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">'
+    (tmp_path / "walk.gpx").write_text(f"{head}<trk><trkseg>{points}</trkseg></trk></gpx>")
+    source = reconstructed(whole_seconds)
+    placement = place_reconstruction(
+        source, frames_of(flight, video=False), telemetry_candidates(tmp_path), photos=tmp_path
+    )
+    assert placement.georeference is not None
+    there = placement.georeference.lat_lon_height(placement.apply(source).centers_in_world)
+    error_m = np.linalg.norm(ORIGIN.to_enu(there) - whole_seconds.centers_in_world, axis=1)
+    assert error_m.max() < 0.1
+    assert "walk.gpx: its positions were given to the photos by their times" in placement.notes[-1]
 
 
 def test_a_placement_is_read_back(flight: Trajectory, tmp_path: Path) -> None:

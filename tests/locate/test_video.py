@@ -104,6 +104,9 @@ def test_max_frames_spreads_over_the_path(tmp_path: Path) -> None:
     frames = pan([5.0 * i for i in range(60)])
     kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path, max_frames=20)
     gaps = np.diff(kept.indices)
+    (note,) = kept.warnings
+    assert "20 of 60 frames that its motion asks for are used" in note
+    assert "--max-frames 60 uses all" in note
     assert len(kept) == 20
     assert kept.indices[0] == 0
     assert kept.indices[-1] == 59
@@ -314,6 +317,13 @@ def test_photos_are_all_kept_in_natural_order(tmp_path: Path, suffix: str) -> No
     kept = keep(folder, tmp_path)
     assert [f.source for f in kept.frames] == [f"img{i + 1}{suffix}" for i in range(11)]
     assert not kept.is_video
+
+
+def test_photos_beyond_the_most_are_counted(tmp_path: Path) -> None:
+    folder = write_photos(tmp_path / "photos", pan([20.0 * i for i in range(9)]))
+    kept = keep(folder, tmp_path, max_frames=6)
+    (note,) = kept.warnings
+    assert "6 of 9 photos are used, spread evenly; --max-frames 9 uses all" in note
 
 
 def test_large_frames_are_reduced_to_the_working_size(tmp_path: Path) -> None:
