@@ -1,13 +1,14 @@
-"""The voxels of the plumes as a binary PLY point cloud."""
+"""Point clouds as binary PLY, in colour."""
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geometry.arrays import FloatArray
-from geometry.errors import LocateError
-from geometry.open3d_loader import load_open3d
+from locate.export.pictures import heat_colours
+
+POSITION, COLOUR = ("x", "y", "z"), ("red", "green", "blue")
 
 
 def write_plumes_ply(
@@ -20,10 +21,10 @@ def write_plumes_ply(
     """Writes evidence voxels with the vertex attributes ``probability`` and ``displacement``.
 
     ``probability`` is the logistic of a voxel's mean evidence per view: 0.5 is no evidence, and it
-    is not the probability that the voxel holds refracting air.
+    is not the probability that the voxel holds refracting air. It is what the colours show.
 
     Args:
-        path: The file, ending in ``.ply``.
+        path: The file.
         points_in_world: (N, 3) voxel centres in world units; N may be 0.
         probability: (N,) logistic of the mean evidence per view.
         displacement_px: (N,) mean displacement of its plume, px: one constant per plume.
@@ -32,40 +33,63 @@ def write_plumes_ply(
         ValueError: The arrays differ in length.
         OSError: The file could not be written.
     """
-    n = len(points_in_world)
-    if probability.shape != (n,) or displacement_px.shape != (n,):
-        raise ValueError(
-            f"{probability.shape=}, {displacement_px.shape=}, expected ({n},) for {n} points"
-        )
-    columns = np.column_stack([points_in_world, probability, displacement_px]).astype(np.float32)
-    o3d = _try_open3d() if n else None
-    if o3d is None:
-        path.write_bytes(_HEADER.format(n).encode() + columns.astype("<f4").tobytes())
-        return
-    cloud = o3d.t.geometry.PointCloud(np.ascontiguousarray(columns[:, :3]))
-    # A 1-D attribute makes open3d return False without an error: columns they must be.
-    cloud.point["probability"] = columns[:, 3:4]
-    cloud.point["displacement"] = columns[:, 4:5]
-    if not o3d.t.io.write_point_cloud(str(path), cloud, write_ascii=False):
-        raise OSError(f"{path}: open3d could not write the point cloud")
+    _write_points(
+        path,
+        points_in_world,
+        colours_of_probability(probability),
+        probability=probability,
+        displacement=displacement_px,
+    )
 
 
-def _try_open3d() -> ModuleType | None:
-    """open3d; None on a machine that lacks the graphics libraries it wants."""
-    try:
-        return load_open3d()
-    except LocateError:
-        return None
+def write_scene_ply(
+    path: Path,
+    *,
+    points_in_world: FloatArray,
+    colours: NDArray[np.uint8],
+    voxels_in_world: FloatArray,
+    voxel_probability: FloatArray,
+) -> None:
+    """Writes the sparse points of a scene and the voxels of its plumes as one cloud.
+
+    Args:
+        path: The file.
+        points_in_world: (N, 3) sparse points in world units; N may be 0.
+        colours: (N, 3) red, green, blue of each.
+        voxels_in_world: (V, 3) voxel centres; V may be 0.
+        voxel_probability: (V,) logistic of their mean evidence per view, shown as colours.
+
+    Raises:
+        ValueError: The arrays differ in length.
+        OSError: The file could not be written.
+    """
+    _write_points(
+        path,
+        np.concatenate([points_in_world, voxels_in_world]),
+        np.concatenate([colours, colours_of_probability(voxel_probability)]),
+    )
 
 
-# For what open3d does not write: a cloud without points, and on a machine where it does not start.
-_HEADER = """ply
-format binary_little_endian 1.0
-element vertex {}
-property float x
-property float y
-property float z
-property float probability
-property float displacement
-end_header
-"""
+def colours_of_probability(probability: FloatArray) -> NDArray[np.uint8]:
+    """(N, 3) red, green, blue of (N,) values from 0 to 1, as in the report."""
+    shown = np.clip(probability, 0, 1).astype(np.float32).reshape(1, -1)
+    return heat_colours(shown)[0, :, ::-1] if shown.size else np.zeros((0, 3), np.uint8)
+
+
+def _write_points(
+    path: Path, points: FloatArray, colours: NDArray[np.uint8], **attributes: FloatArray
+) -> None:
+    from plyfile import PlyData, PlyElement
+
+    floats = [(name, "<f4") for name in (*POSITION, *attributes)]
+    vertices = np.empty(len(points), [*floats, *((name, "u1") for name in COLOUR)])
+    columns = {
+        **dict(zip(POSITION, points.T, strict=True)),
+        **attributes,
+        **dict(zip(COLOUR, colours.T, strict=True)),
+    }
+    for name, column in columns.items():
+        if column.shape != vertices.shape:
+            raise ValueError(f"{name}: {column.shape=}, expected {vertices.shape}")
+        vertices[name] = column
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(path)

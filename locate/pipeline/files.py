@@ -90,6 +90,11 @@ class RunFiles:
         return self.root / "plumes.ply"
 
     @property
+    def scene_points(self) -> Path:
+        """The scene with its plumes as a point cloud, where the camera moved."""
+        return self.root / "scene.ply"
+
+    @property
     def plume_bag(self) -> Path:
         """The plumes as a bag, where the recording was one; a folder."""
         return self.root / "plumes"

@@ -14,7 +14,7 @@ from locate.export.geojson import write_geojson
 from locate.export.geopackage import write_geopackage
 from locate.export.html import resource_path
 from locate.export.kml import write_kml
-from locate.export.ply import write_plumes_ply
+from locate.export.ply import write_plumes_ply, write_scene_ply
 from locate.export.report import write_report
 from locate.export.waypoints import write_cup, write_gpx
 from locate.journal.costs import StageTime
@@ -87,12 +87,21 @@ def publish(
             plume_map=plume_map,
         )
     pictures = dict(undistorted_pictures(recording, posed, spread(list(measured))))
+    points = coloured_points(load_points(files.points), posed, pictures)
+    if posed.trajectory is not None:
+        write_scene_ply(
+            target.scene_points,
+            points_in_world=points.in_world,
+            colours=points.colours,
+            voxels_in_world=voxels[:, :3],
+            voxel_probability=voxels[:, 3],
+        )
     settings = source.config.to_plain() | {"version": __version__}
     write_report(
         target.report,
         plume_map=plume_map,
         trajectory=posed.trajectory,
-        points=coloured_points(load_points(files.points), posed, pictures),
+        points=points,
         voxels_in_world=voxels[:, :3],
         voxel_probability=voxels[:, 3],
         frames=[
