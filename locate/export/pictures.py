@@ -2,8 +2,9 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from geometry.arrays import FloatMap, GreyImage, Picture
+from geometry.arrays import FloatArray, FloatMap, GreyImage, Picture
 
 FULL_ALPHA = 0.8
 """Opacity of the evidence at full scale."""
@@ -62,8 +63,15 @@ def evidence_layer(llr: FloatMap, full_scale_nats: float) -> Picture:
 
 def heat_colours(strength: FloatMap) -> Picture:
     """(H, W, 3) of (H, W) values in 0 to 1; the dark end of the map is left out."""
+    if not strength.size:  # OpenCV divides by the size, and ends the process
+        return np.zeros((*strength.shape, 3), np.uint8)
     level = (80 + 170 * strength).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_INFERNO), dtype=np.uint8)
+
+
+def heat_rgb(strength: FloatArray) -> NDArray[np.uint8]:
+    """(N, 3) red, green, blue of (N,) values, shown from 0 to 1."""
+    return heat_colours(np.clip(strength, 0, 1).astype(np.float32)[None])[0, :, ::-1]
 
 
 def add_label(picture: Picture, text: str) -> Picture:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.arrays import FloatArray
-from locate.export.pictures import heat_colours
+from locate.export.pictures import heat_rgb
 
 POSITION, COLOUR = ("x", "y", "z"), ("red", "green", "blue")
 
@@ -36,7 +36,7 @@ def write_plumes_ply(
     _write_points(
         path,
         points_in_world,
-        colours_of_probability(probability),
+        heat_rgb(probability),
         probability=probability,
         displacement=displacement_px,
     )
@@ -66,14 +66,8 @@ def write_scene_ply(
     _write_points(
         path,
         np.concatenate([points_in_world, voxels_in_world]),
-        np.concatenate([colours, colours_of_probability(voxel_probability)]),
+        np.concatenate([colours, heat_rgb(voxel_probability)]),
     )
-
-
-def colours_of_probability(probability: FloatArray) -> NDArray[np.uint8]:
-    """(N, 3) red, green, blue of (N,) values from 0 to 1, as in the report."""
-    shown = np.clip(probability, 0, 1).astype(np.float32).reshape(1, -1)
-    return heat_colours(shown)[0, :, ::-1] if shown.size else np.zeros((0, 3), np.uint8)
 
 
 def _write_points(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from detect.detection import Detection
@@ -16,7 +15,7 @@ from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.export.pictures import displacement_picture, evidence_layer, heat_colours
+from locate.export.pictures import displacement_picture, evidence_layer, heat_rgb
 from locate.export.rays import rays_of_evidence
 from locate.export.report.layout import CAMERA_COLOR, PLUME_COLORS, POINT_COLOR
 from locate.export.report.scene import N_SIGMA
@@ -158,7 +157,7 @@ def _log_scene(stream: "rerun.RecordingStream", run: ViewedRun) -> None:
         points = rr.Points3D(run.points_in_world, colors=_rgba(POINT_COLOR))
         stream.log(f"{WORLD}/points", points, static=True)
     if len(run.voxels):
-        voxels = rr.Points3D(run.voxels[:, :3], colors=_heat(run.voxels[:, 3]))
+        voxels = rr.Points3D(run.voxels[:, :3], colors=heat_rgb(run.voxels[:, 3]))
         stream.log(f"{WORLD}/plume_voxels", voxels, static=True)
     if run.trajectory is not None:
         path = rr.LineStrips3D([run.trajectory.centers_in_world], colors=_rgba(CAMERA_COLOR))
@@ -222,7 +221,7 @@ def _log_rays(
 
     if run.trajectory is not None:
         rays = rays_of_evidence(run.trajectory, row, detection, longest=FARTHEST * run.scene_range)
-        colors = _heat(rays.llr / run.full_scale_nats)
+        colors = heat_rgb(rays.llr / run.full_scale_nats)
         stream.log(f"{WORLD}/rays", rr.LineStrips3D(list(rays.segments_in_world), colors=colors))
 
 
@@ -274,8 +273,3 @@ def _plume_rgba(number: int) -> tuple[int, int, int, int]:
 def _rgba(css: str) -> tuple[int, int, int, int]:
     red, green, blue = bytes.fromhex(css.removeprefix("#"))
     return red, green, blue, 255
-
-
-def _heat(strength: FloatArray) -> NDArray[np.uint8]:
-    """(N, 3) red, green, blue of (N,) values, shown from 0 to 1."""
-    return heat_colours(np.clip(strength, 0, 1).astype(np.float32)[None])[0, :, ::-1]

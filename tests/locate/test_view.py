@@ -191,6 +191,15 @@ def test_rays_meet_at_the_source_and_end_on_the_background() -> None:
         assert np.linalg.norm(far[1] - far[0]) == pytest.approx(100.0)
 
 
+def test_a_frame_whose_evidence_is_weak_has_no_rays(tmp_path: Path) -> None:
+    root = finished_run(tmp_path / "run", plume_map(plume()))
+    weak = replace(detection(orbit(), 4), llr=np.full((48, 64), 0.2, np.float32))
+    weak.save(root / "detections" / "000004.npz")
+    write_view(root, tmp_path / "run.rrd")
+    rays = Recording(tmp_path / "run.rrd").by_frame("/rays", "LineStrips3D:strips")
+    assert {index: len(strips) for index, strips in rays.items()} == {4: 0, 12: 1}
+
+
 def test_photos_have_no_time(tmp_path: Path) -> None:
     root = finished_run(tmp_path / "run", plume_map(), is_video=False)
     write_view(root, tmp_path / "run.rrd")

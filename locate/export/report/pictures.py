@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from geometry.arrays import FloatMap, Picture
-from locate.export.pictures import displacement_colours, evidence_layer, heat_colours
+from locate.export.pictures import displacement_colours, evidence_layer, heat_rgb
 
 MAX_WIDTH, MAX_LAYER_WIDTH = 1024, 512
 """Of a frame and of what is laid over or beside it, px; they bound the size of the file."""
@@ -46,9 +46,7 @@ def _fitted_size(width: int, height: int, most: int) -> tuple[int, int]:
 
 def heat_stops(count: int = 8) -> list[str]:
     """Colours from no evidence to full scale, ``#rrggbb``."""
-    strength = np.linspace(0, 1, count, dtype=np.float32)[None]
-    rows = heat_colours(strength)[0]
-    return [f"#{red:02x}{green:02x}{blue:02x}" for blue, green, red in rows.tolist()]
+    return [f"#{bytes(colour).hex()}" for colour in heat_rgb(np.linspace(0, 1, count))]
 
 
 def full_scale_nats(maps: Sequence[FloatMap]) -> float:
