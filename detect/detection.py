@@ -75,7 +75,7 @@ class Detection:
             inverse_depth=np.full(shape, np.nan, np.float32) if depth else None,
         )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Writes an .npz, whole or not at all: float16, the information float32.
 
         What float16 cannot hold becomes infinite.
@@ -89,16 +89,16 @@ class Detection:
         if self.information is not None:
             terms["information_vector"] = self.information.vector
             terms["information_matrix"] = self.information.matrix
-        save_arrays(path, **halves, **terms)
+        save_arrays(Path(path), **halves, **terms)
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: str | Path) -> Self:
         """Reads what `save` wrote.
 
         Raises:
             BadInputError: The file is missing, broken, or not a detection.
         """
-        arrays = read_npz(path)
+        arrays = read_npz(Path(path))
         try:
             maps = {name: array.astype(np.float32) for name, array in arrays.items()}
             vector = maps.pop("information_vector", None)

@@ -111,12 +111,12 @@ def make_detector(
     neighbours: int = 8,
     points_in_world: FloatArray | None = None,
     reference: GreyImage | None = None,
-    weights: Path | None = None,
+    weights: str | Path | None = None,
 ) -> Detector:
     """The detector of that name; see `DetectorChoice.parse` and `DetectorChoice.make`."""
     return DetectorChoice.parse(name).make(
         neighbours=neighbours,
         points_in_world=points_in_world,
         reference=reference,
-        weights=weights,
+        weights=None if weights is None else Path(weights),
     )

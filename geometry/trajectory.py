@@ -211,19 +211,19 @@ class Trajectory:
         if self.covariances is not None and (np.abs(self.covariances) > MOST_VARIANCE).any():
             raise BadInputError(f"a covariance of a pose is over {MOST_VARIANCE:g}")
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Writes trajectory.json."""
-        path.write_text(json.dumps(self.to_dict(), indent=1))
+        Path(path).write_text(json.dumps(self.to_dict(), indent=1))
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: str | Path) -> Self:
         """Reads trajectory.json.
 
         Raises:
             BadInputError: The file is missing, not JSON, or not a trajectory.
         """
         try:
-            content = parse_json(path.read_text())
+            content = parse_json(Path(path).read_text())
         except (OSError, ValueError) as error:
             raise BadInputError(f"{path}: not a readable trajectory file ({error})") from error
         if not isinstance(content, dict):

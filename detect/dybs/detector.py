@@ -44,8 +44,8 @@ class DybsDetector:
     response: Response | None = None
     uses_other_frames = False
 
-    def __init__(self, weights: Path) -> None:
-        self.estimator = SingleFrameEstimator(weights)
+    def __init__(self, weights: str | Path) -> None:
+        self.estimator = SingleFrameEstimator(Path(weights))
         self.calibration = Calibration.from_plain(
             self.estimator.network.read_metadata("calibration"), str(weights)
         )

@@ -24,5 +24,6 @@ err = PlainConsole(stderr=True)
 
 Output = Annotated[Path, typer.Option("-o", "--output", help="The folder to write.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say what each stage does.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors.")]
 WEIGHTS = "Network of the dybs detector, e.g. from locate adapt; else the shipped one."
 Weights = Annotated[Path | None, typer.Option(help=WEIGHTS)]

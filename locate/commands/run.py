@@ -1,15 +1,18 @@
 """`locate run` and `locate demo`."""
 
+from contextlib import AbstractContextManager, nullcontext
+from enum import Enum, auto
 from logging import INFO, WARNING
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from geometry.errors import BadInputError
-from locate.commands.console import WEIGHTS, Output, Verbose, err, out
+from locate.commands.console import WEIGHTS, Output, Quiet, Verbose, err, out
 from locate.journal.log import log_to_file
-from locate.journal.progress import progress_bars, silent
+from locate.journal.progress import Report, silent
+from locate.journal.whole_run import run_bar
 from locate.pipeline.config import DetectorName, Lens, RunConfig, read_settings
 
 RECORDING = "Recording: locate run film.mp4 -o out --shot 2 --max-frames 60"
@@ -20,7 +23,30 @@ MEASUREMENT = "Measurement: locate run film.mp4 -o out --detection-frames 32"
 AGAIN = "With another setting: locate run --config out/config.yaml --seed 1 -o again"
 
 
+if TYPE_CHECKING:
+    from locate.map.plume import PlumeMap
+    from locate.pipeline.files import RunFiles
+
 Force = Annotated[bool, typer.Option("--force", help="Do every stage again.")]
+
+
+class Shown(Enum):
+    """What a run prints while it works, and after."""
+
+    QUIET = auto()
+    USUAL = auto()
+    VERBOSE = auto()
+
+    @classmethod
+    def of(cls, *, quiet: bool, verbose: bool) -> "Shown":
+        """What the options ask for.
+
+        Raises:
+            BadInputError: They ask for both.
+        """
+        if quiet and verbose:
+            raise BadInputError("give either -q or -v")
+        return cls.QUIET if quiet else cls.VERBOSE if verbose else cls.USUAL
 
 
 def _usual(setting: str) -> str:
@@ -183,6 +209,10 @@ def run(
         ),
     ] = None,
     force: Force = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the map as JSON, and nothing else, to stdout.")
+    ] = False,
+    quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Turn a recording into a 3D plume map."""
@@ -215,30 +245,51 @@ def run(
         raise BadInputError(
             "no recording; name a video, a folder of photos or a bag, or give --config FILE"
         )
-    _run(RunConfig.of(settings), output, force=force, verbose=verbose)
+    shown = Shown.of(quiet=quiet, verbose=verbose)
+    _run(RunConfig.of(settings), output, force=force, shown=shown, as_json=as_json)
 
 
 def demo(
     output: Output = Path("out/demo"),
     force: Force = False,
+    quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Run on the bundled sample: a simulated hot leak on a pipe rack, seen from an orbit."""
     from locate.recording.sample import SAMPLE_VIDEO
 
-    _run(RunConfig(recording=SAMPLE_VIDEO), output, force=force, verbose=verbose)
+    shown = Shown.of(quiet=quiet, verbose=verbose)
+    _run(RunConfig(recording=SAMPLE_VIDEO), output, force=force, shown=shown)
 
 
-def _run(config: RunConfig, output: Path, *, force: bool, verbose: bool) -> None:
-    from locate.export.table import advice_lines, map_table
+def _run(
+    config: RunConfig, output: Path, *, force: bool, shown: Shown, as_json: bool = False
+) -> None:
     from locate.pipeline.files import RunFiles
-    from locate.pipeline.run import Run
 
     files = RunFiles(output)
-    with progress_bars(err) as report:
-        job = Run(config, output, force=force, report=silent if verbose else report)
-        with log_to_file(files.log, console=err, shown=INFO if verbose else WARNING):
+    bar: AbstractContextManager[Report] = (
+        run_bar(err) if shown is Shown.USUAL else nullcontext(silent)
+    )
+    with bar as report:
+        from locate.pipeline.run import Run
+
+        job = Run(config, output, force=force, report=report)
+        with log_to_file(
+            files.log,
+            console=None if shown is Shown.QUIET else err,
+            shown=INFO if shown is Shown.VERBOSE else WARNING,
+        ):
             plume_map = job.run()
+    if as_json:
+        typer.echo(files.map.read_text().rstrip())
+    elif shown is not Shown.QUIET:
+        _print_answer(plume_map, files)
+
+
+def _print_answer(plume_map: "PlumeMap", files: "RunFiles") -> None:
+    from locate.export.table import advice_lines, map_table
+
     found = plume_map.plumes or plume_map.bearings
     out.print(map_table(plume_map) if found else plume_map.limit_text())
     for line in advice_lines(plume_map):

@@ -29,6 +29,16 @@ class JsonLines(logging.Formatter):
         return json.dumps(line)
 
 
+class StageLines(logging.Formatter):
+    """A line for people: the stage, what happened in it, and how long it took."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Renders stage, message and wall time, as far as they are there."""
+        stage, wall_s = getattr(record, "stage", None), getattr(record, "wall_s", None)
+        took = "" if wall_s is None else f" ({wall_s:.1f} s)"
+        return f"{'' if stage is None else stage + ': '}{printable(record.getMessage())}{took}"
+
+
 class AppendedLines(logging.Handler):
     """Appends each line at once; several processes may, and a full disk costs the line only."""
 
@@ -58,6 +68,7 @@ def log_to_file(
     handlers: list[logging.Handler] = [AppendedLines(path)]
     if console is not None:
         people = RichHandler(level=shown, console=console, show_path=False)
+        people.setFormatter(StageLines())
         people.addFilter(lambda record: record.levelno < logging.ERROR)
         handlers.append(people)
     before = log.level

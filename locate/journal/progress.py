@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import (
     BarColumn,
     Progress,
+    SpinnerColumn,
     TaskID,
     TaskProgressColumn,
     TextColumn,
@@ -71,9 +72,16 @@ def _answer_with(handler: Callable[..., None], numbers: Sequence[signal.Signals]
 
 @contextmanager
 def progress_bars(console: Console) -> Iterator[Report]:
-    """A bar with the time left for every stage that reports; shares below 0 have no known end."""
+    """A bar with the time left for every stage that reports, where someone looks at the console.
+
+    Shares below 0 have no known end.
+    """
+    if not console.is_terminal:
+        yield silent
+        return
     columns = (
         TextColumn("{task.description}", markup=False),
+        SpinnerColumn(),
         BarColumn(),
         TaskProgressColumn(),
         TimeRemainingColumn(elapsed_when_finished=True),

@@ -231,14 +231,14 @@ class PlumeMap:
         Path(path).write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False))
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: str | Path) -> Self:
         """Reads map.json.
 
         Raises:
             BadInputError: The file is missing, not JSON, or not a map of this version.
         """
         try:
-            content = parse_json(path.read_text())
+            content = parse_json(Path(path).read_text())
         except (OSError, ValueError) as error:
             raise BadInputError(f"{path}: not a readable map ({error})") from error
         try:

@@ -50,7 +50,7 @@ _BINARIES: tuple[tuple[bytes, Callable[[Path], TelemetryTrack]], ...] = (
 )
 
 
-def read_telemetry(path: Path) -> TelemetryTrack:
+def read_telemetry(path: str | Path) -> TelemetryTrack:
     """Reads where a camera was from a log, a table, a video's subtitles or photos.
 
     Args:
@@ -62,6 +62,7 @@ def read_telemetry(path: Path) -> TelemetryTrack:
     Raises:
         BadInputError: Nothing there, no known format, or no position in it.
     """
+    path = Path(path)
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
     if path.is_dir():

@@ -11,8 +11,13 @@ from pathlib import Path
 import pytest
 
 import locate
+from detect.detection import Detection
+from detect.registry import make_detector
 from geometry.errors import BadInputError
+from geometry.trajectory import Trajectory
+from locate.map.plume import PlumeMap
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
+from locate.telemetry import read_telemetry
 
 NAMES = (
     "Answer",
@@ -77,6 +82,28 @@ def test_paths_may_be_text_and_a_map_is_read_from_its_folder(finished: Path) -> 
         locate.load_map(finished / "out" / "map.json"),
     )
     assert of_folder.to_dict() == of_file.to_dict()
+
+
+def test_files_may_be_named_by_text(finished: Path, tmp_path: Path) -> None:
+    of_map = PlumeMap.load(str(finished / "out" / "map.json"))
+    assert of_map.to_dict() == locate.load_map(finished / "out").to_dict()
+    poses = str(tmp_path / "trajectory.json")
+    Trajectory.load(str(finished / "out" / "trajectory.json")).save(poses)
+    assert len(Trajectory.load(poses)) > 1
+    first = next((finished / "out" / "detections").glob("*.npz"))
+    kept = str(tmp_path / "kept.npz")
+    Detection.load(str(first)).save(kept)
+    assert (Detection.load(kept).llr == Detection.load(first).llr).all()
+    with pytest.raises(BadInputError, match=r"none\.onnx"):
+        make_detector("dybs", weights=str(tmp_path / "none.onnx"))
+    with pytest.raises(BadInputError, match="no such file"):
+        read_telemetry(str(tmp_path / "none.srt"))
+
+
+def test_settings_given_beside_all_settings_go_first_and_are_checked(finished: Path) -> None:
+    config = locate.RunConfig(recording=finished / "video.mkv", max_frames=14)
+    with pytest.raises(BadInputError, match="setting max_frames: Input should be greater"):
+        locate.run(config, finished / "out", max_frames=1)
 
 
 def test_a_setting_that_is_not_known_is_named(finished: Path) -> None:

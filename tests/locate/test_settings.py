@@ -14,7 +14,7 @@ from locate.commands.app import app
 from locate.pipeline.config import RunConfig, read_settings
 from locate.pipeline.run_folder import RunFolder
 
-OF_THE_COMMAND = {"output", "config", "force", "verbose", "help"}
+OF_THE_COMMAND = {"output", "config", "force", "as_json", "quiet", "verbose", "help"}
 """Options of `locate run` that change nothing of the map."""
 
 
