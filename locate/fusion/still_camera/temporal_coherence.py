@@ -27,7 +27,7 @@ FEWEST_FRAMES, LEAST_NATS = 24, 20.0
 ONLY_STRONG = "only what single frames show is reported; weaker plumes are missed."
 TOO_SLOW = (
     f"Fewer than {FEWEST_FRAMES} frames are known to follow each other within a tenth of a second "
-    f"(photos have no times): {ONLY_STRONG}"
+    f"(photos have no times; of a video half of --max-frames follow each other): {ONLY_STRONG}"
 )
 EVERYWHERE = (
     "Something lasts from frame to frame all over the image (noise of compressed video, a shaking "
