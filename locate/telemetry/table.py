@@ -37,16 +37,18 @@ from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "table"
 ALIASES = {
-    "name": "filename name image imagename photo file",
+    "name": "filename name image imagename photo file label",
     "path": "sourcefile",
-    "latitude_deg": "latitude lat gpslatitude latitudedeg latitudens",
-    "longitude_deg": "longitude lon lng long longtitude gpslongitude longitudedeg longitudeew",
+    "latitude_deg": "latitude lat gpslatitude latitudedeg latitudens ylatitude",
+    "longitude_deg": "longitude lon lng long longtitude gpslongitude longitudedeg longitudeew "
+    "xlongitude",
     "latitude_ref": "gpslatituderef latituderef latref ns latdir latitudedirection",
     "longitude_ref": "gpslongituderef longituderef lonref lngref ew londir longitudedirection",
     "altitude_ref": "gpsaltituderef altituderef",
     "ellipsoid_m": "altitudewgs84 ellipsoidalheight altitudeellipsoid ellh",
     "sea_level_m": "altitudeamsl amsl altitudeabovesealevel altitudemsl",
-    "altitude_m": "altitude alt ele elevation absolutealtitude gpsaltitude absalt altitudem",
+    "altitude_m": "altitude alt ele elevation absolutealtitude gpsaltitude absalt altitudem "
+    "zaltitude",
     "height_m": "heightabovetakeoff relativealtitude relalt height heightm",
     "horizontal_sigma_m": "horizontalsigma hacc horizontalaccuracy eph horizontalsigmam",
     "vertical_sigma_m": "verticalsigma vacc verticalaccuracy epv verticalsigmam",

@@ -214,6 +214,18 @@ def test_decimal_commas_of_times(tmp_path: Path) -> None:
     assert track.times_s.tolist() == [0.5, 1.0]
 
 
+def test_camera_references_of_metashape(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "# CoordinateSystem: WGS 84\n#Label,X/Longitude,Y/Latitude,Z/Altitude,Error_(m)\n"
+        "a.jpg,8.5,47.1,520.5,0.1\nb.jpg,8.6,47.2,530.5,0.2\n"
+    )
+    track = read_telemetry(tmp_path / "a.csv")
+    assert track.names == ("a.jpg", "b.jpg")
+    assert track.latitude_deg.tolist() == [47.1, 47.2]
+    assert track.longitude_deg.tolist() == [8.5, 8.6]
+    assert track.altitude_m.tolist() == [520.5, 530.5]
+
+
 def test_geoinfo(tmp_path: Path) -> None:
     found = read(tmp_path, "a.txt", recorded.GEOINFO)
     assert found.names == ("IMG_1.JPG",)
