@@ -37,8 +37,9 @@ from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "table"
 ALIASES = {
-    "name": "filename name image imagename photo file label",
+    "name": "filename name image imagename photo file",
     "path": "sourcefile",
+    "label": "label",
     "latitude_deg": "latitude lat gpslatitude latitudedeg latitudens ylatitude",
     "longitude_deg": "longitude lon lng long longtitude gpslongitude longitudedeg longitudeew "
     "xlongitude",
@@ -78,7 +79,16 @@ UNITS_OF = {
 """Units by column; those of angles elsewhere."""
 _NO_UNITS = {"", "utc", "local", "gmt", "wgs84", "msl", "amsl", "egm96", "ellipsoid", "posix"}
 """What else may stand in the brackets of a title."""
-_TEXTS = ("name", "path", "latitude_ref", "longitude_ref", "altitude_ref", "clock_s", "day")
+_TEXTS = (
+    "name",
+    "path",
+    "label",
+    "latitude_ref",
+    "longitude_ref",
+    "altitude_ref",
+    "clock_s",
+    "day",
+)
 _MOMENTS = ("clock_s", "of_day_s", "times_s")
 _SIGNED_HEIGHTS = {"1", "3", "below sea level"}
 _UNSIGNED_HEIGHTS = {"", "0", "2", "above sea level"}
@@ -143,6 +153,8 @@ def parse_table(text: str, path: Path) -> TelemetryTrack:
     start, delimiter, width, columns = header
     _check_units(columns, path, start + 1)
     by_photo = columns.get("name", columns.get("path"))
+    if by_photo is None and not {"times_s", "clock_s"} & columns.keys():
+        by_photo = columns.get("label")  # of Metashape; beside times it may be anything
     store, names, refused = ColumnStore(), list[str](), list[RefusedText]()
     try:
         for line, row in _read_rows(text, start, delimiter):

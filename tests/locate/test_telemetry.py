@@ -224,6 +224,8 @@ def test_camera_references_of_metashape(tmp_path: Path) -> None:
     assert track.latitude_deg.tolist() == [47.1, 47.2]
     assert track.longitude_deg.tolist() == [8.5, 8.6]
     assert track.altitude_m.tolist() == [520.5, 530.5]
+    (tmp_path / "b.csv").write_text("time,label,lat,lon\n0,hover,47.1,8.5\n1,hover,47.1,8.5\n")
+    assert read_telemetry(tmp_path / "b.csv").names == ()
 
 
 def test_geoinfo(tmp_path: Path) -> None:
