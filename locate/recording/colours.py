@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from geometry.arrays import Picture
+from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.recording.images import distortion_map
 from locate.recording.posed_frames import PosedFrames
 from locate.recording.recording import Recording, turn_image
@@ -70,8 +71,10 @@ def _coloured_photos(
 
 def _read_colour(photo: Path) -> Picture | None:
     try:
-        content = np.fromfile(photo, dtype=np.uint8)
-        picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
+        content = photo.read_bytes()
+        if not content or kind_of_photo(photo, content) is not PhotoKind.PLAIN:
+            return None  # of raw photos OpenCV would read the preview
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
     except (OSError, cv2.error):
         return None
     return None if picture is None else np.asarray(picture, dtype=np.uint8)
