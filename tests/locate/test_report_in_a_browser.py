@@ -28,9 +28,15 @@ DARK = DESKTOP | {"color_scheme": "dark"}
 PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "is_mobile": True}
 DRAWN = "#printed-view[src^='data:']"
 LARGER = (".frames", "#viewer-picture")
+HELSINKI = {
+    "origin_lat_deg": 60.0,
+    "origin_lon_deg": 25.0,
+    "origin_height_m": 10.0,
+    "height_datum": "WGS84 ellipsoid",
+}
 NOISE = Obstacle(cause=Cause.NOISE, why="All was dark.", remedy="Film by day.")
 ANSWERS = {
-    "plume": plume_map(plume(), units="scene", notes=("The scale is free.",)),
+    "plume": plume_map(plume(), georeference=HELSINKI, notes=("A note.",)),
     "none": plume_map(),
     "nothing judged": plume_map(detection_limit_px=None, obstacles=(NOISE,)),
 }
@@ -164,6 +170,8 @@ def test_frames_open_larger_and_turn_by_key_and_button(opened: Any) -> None:
     assert caption.text_content() == "0.20 s, frame 2, saw plume 1 (2 of 4)"
     small, large = (page.locator(f"{one} .stack").first.bounding_box() for one in LARGER)
     assert large["width"] > 2 * small["width"]
+    bottom = large["y"] + large["height"]
+    assert bottom < DESKTOP["viewport"]["height"]
     page.keyboard.press("ArrowRight")
     assert caption.text_content() == "0.50 s, frame 5 (3 of 4)"
     page.get_by_role("button", name="Previous").click()

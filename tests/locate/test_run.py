@@ -66,8 +66,8 @@ def test_run_leaves_every_file(finished: Path) -> None:
     names = {path.name for path in finished.iterdir() if not path.name.startswith(".")}
     assert names == {
         "config.yaml", "detections", "evidence.npz", "frames", "log.jsonl", "map.json",
-        "placement.json", "plumes.ply", "points.npz", "report.html", "scene.ply", "sfm",
-        "trajectory.json",
+        "overlay.mp4", "placement.json", "plumes.ply", "points.npz", "report.html",
+        "scene.ply", "sfm", "trajectory.json",
     }  # fmt: skip
     assert PlumeMap.load(finished / "map.json").units == "scene"
     assert len(Trajectory.load(finished / "trajectory.json")) == int(FRAMES)
