@@ -1,21 +1,29 @@
 """Structure from motion on real photos, against ground truth, GPS or a published reconstruction.
 
-    python -m benchmarks.sfm [DATA_DIR] [--only NAME] [--json FILE]
+    python -m benchmarks.sfm [DATA_DIR] [--only NAME ...] [--plants FOLDER ...] [--sift]
 
-DATA_DIR holds `2_sfm/`. Prints a table; `--json` writes the same numbers, unrounded.
+DATA_DIR holds `2_sfm/` and `2_dense_video/`. `sample` is the bundled recording; `--plants` adds
+recordings of `locate simulate` or `benchmarks.scenes orbit` with their truth.json. Each of these
+is also measured edited (`benchmarks/common/edited.py`): `sample-h264`. Where there
+is no truth only the report speaks. `--sift` leaves tracks out. Prints a table; `--json FILE`
+writes the same numbers, unrounded.
 """
 
 import argparse
 import json
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common.edited import EDITS, video_of, write_edited
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.errors import LocateError
@@ -28,7 +36,20 @@ from geometry.trajectory import Trajectory
 from locate.recording import KeyFrames, open_recording, select_frames
 
 DEFAULT_DATA = Path(__file__).parents[1] / "../shared/data"
+SAMPLE = Path(__file__).parents[1] / "locate/data/sample"
+NEIGHBOUR = 5
+"""Frames between two whose relative rotation is judged."""
 Poses = dict[str, tuple[FloatArray, FloatArray]]
+Measure = Callable[[Reconstruction, KeyFrames], dict[str, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkSet:
+    """Photos or a video, and what their poses are held against."""
+
+    source: Path
+    measure: Measure
+    camera: Camera | None = None
 
 
 def strecha_truth(folder: Path) -> Poses:
@@ -59,7 +80,7 @@ def strecha_camera(folder: Path) -> Camera:
 
 
 def run(
-    images: Path, workdir: Path, camera: Camera | None = None
+    images: Path, workdir: Path, camera: Camera | None = None, *, by_tracks: bool = True
 ) -> tuple[Reconstruction, KeyFrames]:
     """Photos through the same doors as `locate run`."""
     frames = select_frames(open_recording(images), workdir / "frames")
@@ -72,11 +93,12 @@ def run(
         focal_prior_px=frames.focal_prior_px,
         workdir=workdir / "sfm",
         ordered=frames.is_video,
+        by_tracks=by_tracks,
     )
     return found, frames
 
 
-def against_poses(truth: Poses) -> Callable[[Reconstruction, KeyFrames], dict[str, float]]:
+def against_poses(truth: Poses) -> Measure:
     """Median centre and rotation error after a Sim(3) alignment of the centres."""
 
     def measure(found: Reconstruction, frames: KeyFrames) -> dict[str, float]:
@@ -98,6 +120,40 @@ def against_poses(truth: Poses) -> Callable[[Reconstruction, KeyFrames], dict[st
         }
 
     return measure
+
+
+def against_simulation(truth_path: Path) -> Measure:
+    """Error of the path in mm, of rotations in all and between neighbours, and of the focal length.
+
+    Neighbours are `NEIGHBOUR` frames apart; the others are after a Sim(3) alignment.
+    """
+
+    def measure(found: Reconstruction, _: KeyFrames) -> dict[str, float]:
+        truth = Trajectory.load(truth_path)
+        row_of = {index: row for row, index in enumerate(truth.indices.tolist())}
+        truth = truth.take([row_of[index] for index in found.trajectory.indices.tolist()])
+        centers, true_centers = found.trajectory.centers_in_world, truth.centers_in_world
+        errors = np.linalg.norm(align_points(centers, true_centers)(centers) - true_centers, axis=1)
+        steps, true_steps = (
+            p.rotations[NEIGHBOUR:] @ np.swapaxes(p.rotations[:-NEIGHBOUR], 1, 2)
+            for p in (found.trajectory, truth)
+        )
+        turns = Rotation.from_matrix(steps @ np.swapaxes(true_steps, 1, 2)).magnitude()
+        rotations = (found.trajectory.rotations, centers, truth.rotations, true_centers)
+        return {
+            "path_rms_mm": 1e3 * float(np.sqrt((errors**2).mean())),
+            "rotation_median_deg": compare_paths(*rotations).rotation_deg,
+            "neighbour_deg": float(np.degrees(np.median(turns))),
+            "focal_percent": 100 * (found.trajectory.camera.focal_px / truth.camera.focal_px - 1),
+            "nees_per_dof": nees(found.trajectory, truth.rotations, true_centers),
+        }
+
+    return measure
+
+
+def without_truth(_: Reconstruction, __: KeyFrames) -> dict[str, float]:
+    """Nothing but what the reconstruction says of itself."""
+    return {}
 
 
 def nees(poses: Trajectory, true_rotations: FloatArray, true_centers: FloatArray) -> float:
@@ -148,26 +204,14 @@ def robust_align(source: FloatArray, target: FloatArray) -> Similarity:
     return fit
 
 
-def main() -> None:
-    """Prints the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.sfm",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("data", nargs="?", type=Path, default=DEFAULT_DATA)
-    parser.add_argument("--only", default="", help="sets whose name holds this")
-    parser.add_argument("--json", type=Path)
-    arguments = parser.parse_args()
-    cv2.setNumThreads(1)
-    sfm = arguments.data / "2_sfm"
+def all_sets(data: Path, rendered: Sequence[Path]) -> dict[str, BenchmarkSet]:
+    """Every set by its name."""
+    sfm, dense, clips = (data / name for name in ("2_sfm", "2_dense_video", "2_video_plume_free"))
     fountain, herz_jesus = sfm / "strecha_fountain-P11", sfm / "strecha_Herz-Jesus-P25"
     brighton = sfm / "drone_brighton_beach_gps" / "images_half"
     caliterra = sfm / "drone_caliterra_gps" / "images_half"
     lund, fox = sfm / "lund_door", sfm / "fox_handheld"
-    calibrated = strecha_camera(fountain)
-    sets = {
-        "fountain-P11 K": (fountain / "images_half", against_poses(strecha_truth(fountain))),
+    photos = {
         "fountain-P11": (fountain / "images_half", against_poses(strecha_truth(fountain))),
         "Herz-Jesus-P25": (herz_jesus / "images_half", against_poses(strecha_truth(herz_jesus))),
         "brighton_beach": (brighton, against_gps(brighton)),
@@ -178,33 +222,100 @@ def main() -> None:
         ),
         "fox": (fox / "images", against_poses(published_truth(fox / "transforms.json"))),
     }
-    every: dict[str, dict[str, float]] = {}
-    for name, (images, measure) in sets.items():
-        if arguments.only not in name:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            start = time.process_time()
-            try:
-                found, frames = run(
-                    images, Path(folder), calibrated if name.endswith(" K") else None
-                )
-            except LocateError as error:
-                print(f"{name:15} {error}")
-                continue
-            cpu_s = time.process_time() - start
-            measured = measure(found, frames)
-            every[name] = measured | {"registered": len(found.trajectory)}
-            numbers = {k: round(v, 5) for k, v in measured.items()}
-            report = found.report
-            print(
-                f"{name:15} {report['registered_frames']:3}/{len(frames):<3} "
-                f"{report['method']:12} {cpu_s:6.1f} s  {numbers}  "
-                f"f {report['focal_px']:.1f} (prior {report['focal_prior_px'] or 0:.1f}) "
-                f"opinion {report['second_opinion_center_share']!s:.6} "
-                f"support {report['epipolar_support']:.2f} "
-                f"sigma {report['residual_sigma_px']:.2f} px up {report['up_from']}",
-                flush=True,
+    dense_recordings = {
+        "kitchen": dense / "kitchen_NOLICENCE",
+        "kitchen-plume": dense / "kitchen_semireal_NOLICENCE/1px/frames",
+        "cows": dense / "cows_NOLICENCE",
+        "drone-at-rest": dense / "euroc_v101_start",
+        "family": clips / "Family.mp4",
+        "teddybear": clips / "teddybear.mp4",
+        "lady-running": clips / "lady-running.mp4",
+    }
+    calibrated = BenchmarkSet(
+        source=fountain / "images_half",
+        measure=against_poses(strecha_truth(fountain)),
+        camera=strecha_camera(fountain),
+    )
+    return (
+        {"fountain-P11 K": calibrated}
+        | {name: BenchmarkSet(source=p, measure=m) for name, (p, m) in photos.items()}
+        | {
+            name: BenchmarkSet(source=path, measure=without_truth)
+            for name, path in dense_recordings.items()
+        }
+        | {
+            folder.name: BenchmarkSet(
+                source=video_of(folder),
+                measure=against_simulation(folder / "truth.json"),
             )
+            for folder in rendered
+        }
+    )
+
+
+def describe(found: Reconstruction, frames: KeyFrames) -> str:
+    """What the reconstruction says of itself, in a line."""
+    report = found.report
+    lost = report["tracks_lost"]
+    return (
+        f"{report['registered_frames']:3}/{len(frames):<3} "
+        f"{report['tied_by']:6} {report['method']:12} "
+        f"f {report['focal_px']:.1f} (prior {report['focal_prior_px'] or 0:.1f}) "
+        f"reprojection {report['reprojection_px']:.2f} sigma {report['residual_sigma_px']:.2f} px "
+        f"opinion {report['second_opinion_center_share']!s:.6} "
+        f"support {report['epipolar_support']:.2f} up {report['up_from']}"
+        f"{f' no tracks: {lost}' if lost else ''}"
+    )
+
+
+def measure_set(name: str, one: BenchmarkSet, *, by_tracks: bool) -> dict[str, float]:
+    """Prints a line of the table; nothing measured where the frames cannot be registered."""
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.process_time()
+        try:
+            found, frames = run(one.source, Path(folder), one.camera, by_tracks=by_tracks)
+        except LocateError as error:
+            print(f"{name:15} {time.process_time() - start:6.1f} s  {error}", flush=True)
+            return {}
+        cpu_s = time.process_time() - start
+        measured = one.measure(found, frames)
+    numbers = {k: round(v, 5) for k, v in measured.items()}
+    print(f"{name:15} {cpu_s:6.1f} s  {describe(found, frames)}  {numbers}", flush=True)
+    return measured | {"registered": len(found.trajectory), "cpu_s": cpu_s}
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.sfm",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("data", nargs="?", type=Path, default=DEFAULT_DATA)
+    parser.add_argument(
+        "--only", nargs="+", default=["*"], help="names of sets; * for any characters"
+    )
+    parser.add_argument("--plants", type=Path, nargs="*", default=())
+    parser.add_argument("--sift", action="store_true", help="leave tracks out")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+
+    def is_wanted(name: str) -> bool:
+        return any(fnmatch(name, pattern) for pattern in arguments.only)
+
+    every: dict[str, dict[str, float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        rendered = [SAMPLE, *arguments.plants]
+        for source, edit in product(rendered[:], EDITS):
+            target = Path(folder) / f"{source.name}-{edit}"
+            if is_wanted(target.name):
+                write_edited(source, edit, target)
+                rendered.append(target)
+        sets = all_sets(arguments.data, rendered)
+        for name, one in sets.items():
+            if is_wanted(name):
+                every[name] = measure_set(name, one, by_tracks=not arguments.sift)
     if arguments.json:
         arguments.json.write_text(json.dumps(every))
 

@@ -7,32 +7,42 @@ Baarda 1973; Triggs et al., Bundle Adjustment, 2000, section 9). No camera is sp
 left out.
 """
 
+from typing import Literal
+
 import numpy as np
 import pycolmap
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.sfm.features import THREADS
 
-INFLATION = 3.0
+TiedBy = Literal["tracks", "SIFT"]
+"""What ties frames together."""
+INFLATION: dict[TiedBy, float] = {"tracks": 4.5, "SIFT": 3.0}
 """Factor on the formal standard deviations; how it was set is at `pose_covariances`."""
 _MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a Gaussian."""
 
 
 def pose_covariances(
-    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
+    model: pycolmap.Reconstruction,
+    image_ids: list[int],
+    *,
+    refined_camera: bool,
+    tied_by: TiedBy,
 ) -> FloatArray | None:
     """Covariances of the poses, scaled by the observed reprojection error and inflated.
 
-    The formal covariance takes features for independent; those of one track share their error.
-    With `INFLATION`, NEES per degree of freedom is about 0.4 on a rendered orbit and 5 on surveyed
-    photos with a known camera (`python -m benchmarks.sfm` prints it). What a wrong camera model
-    does to all poses together, a principal point off the centre above all, is not in it.
+    The formal covariance takes features for independent; those of one track share their error, and
+    a tracked one is seen in more frames than one of SIFT. NEES per degree of freedom is 0.3 to 2.0
+    on rendered orbits by tracks, 0.7 to 4.2 by SIFT, and 5 on surveyed photos with a known camera
+    (`python -m benchmarks.sfm` prints it). What a wrong camera model does to all
+    poses together, a principal point off the centre above all, is not in it.
 
     Args:
         model: An adjusted reconstruction.
         image_ids: The N images asked for, all registered.
         refined_camera: The intrinsics were estimated too, and share the uncertainty.
+        tied_by: What the adjusted features are.
 
     Returns:
         (N, 6, 6) of world_from_cam, [rotation (rad), translation (model units)], right tangent;
@@ -43,7 +53,7 @@ def pose_covariances(
         return None
     n = len(image_ids)
     blocks = joint.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
-    return np.asarray(blocks * (INFLATION * residual_sigma_px(model)) ** 2)
+    return np.asarray(blocks * (INFLATION[tied_by] * residual_sigma_px(model)) ** 2)
 
 
 def formal_covariance(

@@ -114,9 +114,7 @@ def match_features(database: Path, *, sequential: bool) -> None:
     """Matches images 1, 2, 4, 8, ... steps apart, or every pair."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = THREADS
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = SEED
-    verification.ransac.min_num_trials = FEWEST_TRIALS
+    verification = two_view_options()
     if not sequential:
         pycolmap.match_exhaustive(database, matching, verification_options=verification)
         return
@@ -125,6 +123,14 @@ def match_features(database: Path, *, sequential: bool) -> None:
     pairing.quadratic_overlap = True
     pairing.num_threads = THREADS
     pycolmap.match_sequential(database, matching, pairing, verification_options=verification)
+
+
+def two_view_options() -> pycolmap.TwoViewGeometryOptions:
+    """How the geometry of a pair is estimated."""
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = SEED
+    options.ransac.min_num_trials = FEWEST_TRIALS
+    return options
 
 
 def image_ids(db: pycolmap.Database, names: Sequence[str]) -> list[int]:

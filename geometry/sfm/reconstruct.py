@@ -1,59 +1,26 @@
 """Frames to poses: match, map, compare with a second method, adjust, check, normalise."""
 
 import errno
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pycolmap
 
 from geometry.angle_of_view import refuse_wide_lens
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
-from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.errors import BadInputError, LocateError, RegistrationError, RegistrationFailure
 from geometry.lens_calibration import LensName
-from geometry.sfm import checks, features, mapping, result, summary, zooms
-from geometry.sfm.covariance import pose_covariances
+from geometry.sfm import checks, features, mapping, pairing, result, summary, tracks, zooms
+from geometry.sfm.covariance import TiedBy, pose_covariances
 from geometry.sfm.gauge import normalising_transform
+from geometry.sfm.job import MappingJob, Progress, ProgressMeter
 
-Progress = Callable[[str, float], None]
-
-STAGES = {  # start and share of the whole call
-    "finding features": (0.0, 0.25),
-    "matching features": (0.25, 0.2),
-    "mapping": (0.45, 0.45),
-    "adjusting": (0.9, 0.1),
-}
 FATAL_ONLY = 3  # every other failure is reported through an exception
-
-
-class _ProgressMeter:
-    """Turns the fraction of a stage into that of the whole call, which never falls."""
-
-    def __init__(self, report: Progress | None) -> None:
-        self._report = report
-        self._reached = 0.0
-
-    def __call__(self, stage: str, fraction: float) -> None:
-        start, share = STAGES[stage]
-        self._reached = max(self._reached, start + share * fraction)
-        if self._report:
-            self._report(stage, self._reached)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _MappingJob:
-    image_dir: Path
-    names: list[str]
-    workdir: Path
-    database: Path
-    pairs: list[features.MatchedPair]
-    refine: bool
-    progress: Progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +41,15 @@ def reconstruct(
     lens: LensName | None = None,
     workdir: Path,
     ordered: bool = True,
+    by_tracks: bool = True,
     progress: Progress | None = None,
 ) -> result.Reconstruction:
     """Estimates the pose of every frame, the camera, and a sparse set of points.
 
     The world is a scene frame: Z up as a guess, 10 units from the cameras to the points they see.
+    Frames are tied together by tracks, and far ones by SIFT matches. SIFT alone does it where
+    tracks break, as between photos, and where they do not give every frame a sound pose: `report`
+    says which (`tied_by`) and why (`tracks_lost`).
 
     Args:
         image_dir: Folder of the images.
@@ -89,8 +60,10 @@ def reconstruct(
         focal_prior_px: Focal length from metadata, refined and checked; ignored with `camera`.
         lens: What is estimated of the lens without `camera`; by default one radial term.
         workdir: Where the database and the COLMAP model (``model/``) go.
-        ordered: Frames of a video. Photos are each matched with every other instead, up to 60;
-            more are matched with those near them in the order of `names`, as a video is.
+        ordered: Frames of a video. Where there are no tracks, photos are each matched with every
+            other instead, up to 60; more are matched with those near them in the order of
+            `names`, as a video is.
+        by_tracks: Try tracks first.
         progress: Called with a stage name and the fraction of the whole call, which never falls.
 
     Raises:
@@ -100,37 +73,34 @@ def reconstruct(
         OSError: COLMAP cannot write or read its files.
     """
     pycolmap.logging.minloglevel = FATAL_ONLY  # pycolmap.bundle_adjustment elsewhere resets it
-    report_progress = _ProgressMeter(progress)
+    report_progress = ProgressMeter(progress)
     names = list(names)
     if len(names) < checks.MIN_FRAMES:
         raise checks.registration_error(RegistrationFailure.TOO_FEW_FRAMES, f"{len(names)} frames")
-    size = _image_size(image_dir / names[0])
-    start = features.starting_camera(*size, camera, focal_prior_px, lens)
-    if camera is not None and (start.width, start.height) != size:
+    height, width = pairing.read_image(image_dir / names[0]).shape
+    start = features.starting_camera(width, height, camera, focal_prior_px, lens)
+    if camera is not None and (camera.width, camera.height) != (width, height):
         raise BadInputError(
-            f"the camera is for {camera.width}x{camera.height} images, {names[0]} is {size}"
+            f"the camera is for {camera.width}x{camera.height} images, "
+            f"{names[0]} is {width}x{height}"
         )
     workdir.mkdir(parents=True, exist_ok=True)
-    database = workdir / "database.db"
-    with _colmap_errors(database):
-        pairs = _matched_pairs(database, image_dir, names, start, ordered, report_progress)
-        checks.check_matches(pairs, Camera.from_colmap(start), len(names))
-        job = _MappingJob(
-            image_dir=image_dir,
-            names=names,
-            workdir=workdir,
-            database=database,
-            pairs=pairs,
-            refine=camera is None,
-            progress=report_progress,
-        )
-        solution = _map_and_verify(job)
-        report_progress("adjusting", 0.0)
-        mapping.adjust_bundle(solution.model, refine_camera=job.refine)
-        _check_zoom(solution.model)
-        finished = _finish_reconstruction(job, solution, indices, times_s, ordered, focal_prior_px)
-        report_progress("adjusting", 1.0)
-        return finished
+    job = MappingJob(
+        image_dir=image_dir,
+        names=names,
+        indices=indices,
+        times_s=times_s,
+        workdir=workdir,
+        start=start,
+        refine=camera is None,
+        focal_prior_px=focal_prior_px,
+        ordered=ordered,
+        progress=report_progress,
+    )
+    with _colmap_errors(job.database):
+        found = _solve_by_either(job) if by_tracks else _solve_by_sift(job)
+    report_progress("adjusting", 1.0)
+    return found
 
 
 @contextmanager
@@ -142,44 +112,46 @@ def _colmap_errors(database: Path) -> Iterator[None]:
         raise OSError(errno.EIO, " ".join(str(error).split()), str(database)) from error
 
 
-def _matched_pairs(
-    database: Path,
-    image_dir: Path,
-    names: list[str],
-    camera: pycolmap.Camera,
-    ordered: bool,
-    report_progress: Progress,
-) -> list[features.MatchedPair]:
-    """Verified pairs; where few frames hang together, again with more features and every pair."""
-    for fine in (False, True):
-        counts = features.extract_features(
-            database,
-            image_dir,
-            names,
-            camera,
-            lambda share: report_progress("finding features", share),
-            fine=fine,
+def _solve_by_either(job: MappingJob) -> result.Reconstruction:
+    """By tracks where they hold, by SIFT where not."""
+    try:
+        return _solve_by_tracks(job)
+    except tracks.BrokenTracksError as error:
+        found = _solve_by_sift(job)
+        return replace(found, report=found.report | {"tracks_lost": str(error)})
+
+
+def _solve_by_sift(job: MappingJob) -> result.Reconstruction:
+    return _solve(replace(job, pairs=pairing.pair_by_sift(job)), "SIFT")
+
+
+def _solve_by_tracks(job: MappingJob) -> result.Reconstruction:
+    """Raises BrokenTracksError where tracks break or do not give every frame a sound pose."""
+    pairs = pairing.pair_by_tracks(job)
+    try:
+        found = _solve(replace(job, pairs=pairs), "tracks")
+    except LocateError as error:
+        raise tracks.BrokenTracksError(str(error).partition(":")[0]) from error
+    if len(found.names) < len(job.names):
+        raise tracks.BrokenTracksError(f"{len(found.names)} of {len(job.names)} frames get a pose")
+    return found
+
+
+def _solve(job: MappingJob, tied_by: TiedBy) -> result.Reconstruction:
+    """Poses from the pairs of the database."""
+    checks.check_matches(job.pairs, Camera.from_colmap(job.start), len(job.names))
+    solution = _map_and_verify(job)
+    if tied_by == "tracks" and not solution.difference.is_tolerable:
+        raise checks.registration_error(
+            RegistrationFailure.IMPLAUSIBLE_POSES, "two methods take tracks for different paths"
         )
-        if fine:
-            checks.check_features(counts)
-        report_progress("matching features", 0.0)
-        many = len(names) > features.EXHAUSTIVE_UP_TO
-        features.match_features(database, sequential=many or (ordered and not fine))
-        report_progress("matching features", 1.0)
-        pairs = features.read_pairs(database, names)
-        if checks.largest_component(pairs, len(names))[0] >= checks.MIN_SHARE * len(names):
-            break
-    return pairs
+    job.progress("adjusting", 0.0)
+    mapping.adjust_bundle(solution.model, refine_camera=job.refine)
+    _check_zoom(solution.model)
+    return _finish_reconstruction(job, solution, tied_by)
 
 
-def _image_size(path: Path) -> tuple[int, int]:
-    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise BadInputError(f"{path}: not a readable image")
-    return image.shape[1], image.shape[0]
-
-
-def _map_and_verify(job: _MappingJob) -> _MappedModel:
+def _map_and_verify(job: MappingJob) -> _MappedModel:
     """Global mapping where a second method agrees with it, incremental mapping where not."""
     job.progress("mapping", 0.0)
     models = mapping.map_globally(
@@ -206,7 +178,7 @@ def _map_and_verify(job: _MappingJob) -> _MappedModel:
     raise _failure_of(job, full or models, reasons)
 
 
-def _map_second_method(job: _MappingJob) -> tuple[list[pycolmap.Reconstruction], bool]:
+def _map_second_method(job: MappingJob) -> tuple[list[pycolmap.Reconstruction], bool]:
     """Incremental mapping of a spread subset; True where it had to be all images."""
     count = len(job.names)
     stride = 2 ** max(0, int(np.log2(count / checks.SECOND_METHOD_FRAMES)))
@@ -219,7 +191,7 @@ def _map_second_method(job: _MappingJob) -> tuple[list[pycolmap.Reconstruction],
     return _map_incrementally(job, job.names), True
 
 
-def _map_incrementally(job: _MappingJob, names: list[str]) -> list[pycolmap.Reconstruction]:
+def _map_incrementally(job: MappingJob, names: list[str]) -> list[pycolmap.Reconstruction]:
     done = 0
 
     def on_image() -> None:
@@ -248,11 +220,11 @@ def _check_zoom(model: pycolmap.Reconstruction) -> None:
         )
 
 
-def _registered_share(model: pycolmap.Reconstruction, job: _MappingJob) -> float:
+def _registered_share(model: pycolmap.Reconstruction, job: MappingJob) -> float:
     return float(model.num_reg_images() / len(job.names))
 
 
-def _epipolar_support(model: pycolmap.Reconstruction, job: _MappingJob) -> float:
+def _epipolar_support(model: pycolmap.Reconstruction, job: MappingJob) -> float:
     row_of = {name: row for row, name in enumerate(job.names)}
     poses = {row_of[i.name]: i.cam_from_world() for i in summary.registered_images(model)}
     return checks.epipolar_support(job.pairs, next(iter(model.cameras.values())), poses)
@@ -274,7 +246,7 @@ def _compare_models(
 
 
 def _failure_of(
-    job: _MappingJob, models: list[pycolmap.Reconstruction], reasons: list[str]
+    job: MappingJob, models: list[pycolmap.Reconstruction], reasons: list[str]
 ) -> RegistrationError:
     count = len(job.names)
     connected, parts = checks.largest_component(job.pairs, count)
@@ -294,21 +266,16 @@ def _failure_of(
 
 
 def _finish_reconstruction(
-    job: _MappingJob,
-    solution: _MappedModel,
-    indices: IntArray,
-    times_s: FloatArray,
-    ordered: bool,
-    focal_prior_px: float | None,
+    job: MappingJob, solution: _MappedModel, tied_by: TiedBy
 ) -> result.Reconstruction:
     model = solution.model
     camera = next(iter(model.cameras.values()))
     side = max(camera.width, camera.height)
     if job.refine:
-        checks.check_focal(camera.mean_focal_length(), focal_prior_px, side)
+        checks.check_focal(camera.mean_focal_length(), job.focal_prior_px, side)
         refuse_wide_lens(Camera.from_colmap(camera))
     rows, ids = summary.rows_and_ids(model, job.names)
-    raw = summary.model_trajectory(model, ids, indices[rows], times_s[rows])
+    raw = summary.model_trajectory(model, ids, job.indices[rows], job.times_s[rows])
     points, errors_px, visible = summary.sparse_points(model, ids)
     distance = summary.view_distance(raw.centers_in_world, points, visible)
     scene_from_model, up_source = normalising_transform(raw, points, distance)
@@ -319,22 +286,26 @@ def _finish_reconstruction(
             scene_from_model.translation,
         )
     )
-    covariances = pose_covariances(model, ids, refined_camera=job.refine)
+    covariances = pose_covariances(model, ids, refined_camera=job.refine, tied_by=tied_by)
     points = scene_from_model(points)
-    trajectory = summary.model_trajectory(model, ids, indices[rows], times_s[rows], covariances)
+    trajectory = summary.model_trajectory(
+        model, ids, job.indices[rows], job.times_s[rows], covariances
+    )
     report = summary.quality_report(model, trajectory, points, visible)
     report |= {
         "method": solution.method,
+        "tied_by": tied_by,
+        "tracks_lost": None,
         "registered_share": len(ids) / len(job.names),
         "registered_frames": len(ids),
         "second_opinion_center_share": solution.difference.center_share,
         "second_opinion_rotation_deg": solution.difference.rotation_deg,
         "second_opinion_frames": solution.difference.count,
         "epipolar_support": _epipolar_support(model, job),
-        "focal_prior_px": focal_prior_px,
+        "focal_prior_px": job.focal_prior_px,
         "up_from": up_source,
     }
-    checks.check_quality(report, ordered=ordered)
+    checks.check_quality(report, ordered=job.ordered)
     folder = job.workdir / "model"
     folder.mkdir(exist_ok=True)
     model.write(folder)

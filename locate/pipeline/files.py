@@ -51,7 +51,7 @@ class RunFiles:
 
     @property
     def pose_notes(self) -> Path:
-        """What the images leave open of given poses, where they do; a list in JSON."""
+        """What there is to say of the poses, where there is; a list in JSON."""
         return self.sfm / "notes.json"
 
     @property

@@ -1,6 +1,7 @@
 """The stage that registers: a pose for every key frame, reconstructed or given."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from geometry.camera import Camera
@@ -67,6 +68,11 @@ def reconstruct_poses(
         report=lambda _, share: report("poses", share),
     )
     result.save(target.sfm)
+    lost = result.report["tracks_lost"]
+    if lost and key_frames.is_video:
+        _save_pose_notes(
+            target, [f"poses come from SIFT matches and not from feature tracks: {lost}"]
+        )
     return f"{len(result.trajectory)} of {len(key_frames)} frames, {result.report['method']}"
 
 
@@ -99,12 +105,16 @@ def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, targe
     target.sfm.mkdir(exist_ok=True)
     trajectory.save(target.sfm_trajectory)
     if notes:
-        target.pose_notes.write_text(json.dumps(notes, indent=1))
+        _save_pose_notes(target, notes)
     return f"{len(trajectory)} of {len(key_frames)} frames, given"
 
 
+def _save_pose_notes(files: RunFiles, notes: Sequence[str]) -> None:
+    files.pose_notes.write_text(json.dumps(list(notes), indent=1))
+
+
 def load_pose_notes(files: RunFiles) -> tuple[str, ...]:
-    """What the images left open of given poses.
+    """What there is to say of the poses: what the images left open, or why there are no tracks.
 
     Raises:
         BadInputError: The file is damaged.

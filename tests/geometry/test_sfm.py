@@ -1,5 +1,6 @@
 """Structure from motion on small rendered scenes: what works, and every failure by its name."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -13,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from geometry.camera import Camera
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.lens_calibration import LensName
-from geometry.sfm import Reconstruction, checks, features, mapping, reconstruct, zooms
-from geometry.sfm.reconstruct import STAGES
+from geometry.sfm import Reconstruction, checks, features, mapping, reconstruct, tracks, zooms
+from geometry.sfm.job import STAGES
 from geometry.sfm.summary import triangulation_angles_deg
 from geometry.similarity import align_points
 
@@ -168,6 +169,7 @@ def test_the_lens_that_was_asked_for_is_estimated(
     found = run(tmp_path, images, lens=lens)
     camera = found.trajectory.camera
     assert camera.model == model
+    assert ("fisheye" in (found.report["tracks_lost"] or "")) == (lens == "fisheye")
     assert camera.focal_px == pytest.approx(300 if lens == "fisheye" else FOCAL, rel=0.03)
     assert np.median(rotation_errors_deg(found, room_poses, np.arange(10))) < 0.2
 
@@ -209,6 +211,49 @@ def test_zooms_are_told_where_they_are_clear(focal_px: np.ndarray, sizes: list[i
     assert [len(rows) for rows in groups] == sizes
     for rows in groups if len(groups) > 1 else ():
         assert np.ptp(focal_px[order][rows]) == 0
+
+
+def test_a_dense_recording_is_tied_together_by_tracks(tmp_path: Path) -> None:
+    """Neighbours then agree to a hundredth of a degree."""
+    poses = orbit(18, arc_deg=20.0)
+    found = run(tmp_path, [render(ROOM, *pose) for pose in poses], camera=true_camera())
+    truth = np.array([rotation for rotation, _ in poses])
+    steps = found.trajectory.rotations[1:] @ np.swapaxes(found.trajectory.rotations[:-1], 1, 2)
+    true_steps = truth[1:] @ np.swapaxes(truth[:-1], 1, 2)
+    off = Rotation.from_matrix(steps @ np.swapaxes(true_steps, 1, 2)).magnitude()
+    assert len(found.names) == 18
+    assert found.report["tied_by"] == "tracks"
+    assert np.degrees(np.median(off)) < 0.02
+
+
+def test_where_tracks_break_sift_matches_are_used(
+    tmp_path: Path, room_images: list[np.ndarray]
+) -> None:
+    """Two ends of a path filmed by turns: neighbours share too little."""
+    order = [0, 6, 1, 7, 2, 8]
+    found = run(tmp_path, [room_images[i] for i in order], camera=true_camera(), ordered=False)
+    assert found.report["tied_by"] == "SIFT"
+    assert "key frames 0 and 1 share" in found.report["tracks_lost"]
+    assert len(found.names) == 6
+
+
+def test_tracks_that_do_not_give_every_pose_are_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two frames whose tracks are lost on the way to COLMAP."""
+    images = [render(ROOM, *pose) for pose in orbit(8, arc_deg=16.0)]
+    right = tracks.follow_features
+
+    def lose_two(read: Iterable[np.ndarray]) -> list[tracks.TrackedFrame]:
+        frames = right(read)
+        nothing = tracks.TrackedFrame(ids=np.zeros(0, np.int64), pixels=np.zeros((0, 2)))
+        return [*frames[:-2], nothing, nothing]
+
+    monkeypatch.setattr(tracks, "follow_features", lose_two)
+    found = run(tmp_path, images, camera=true_camera())
+    assert found.report["tied_by"] == "SIFT"
+    assert found.report["tracks_lost"] == "6 of 8 frames get a pose"
+    assert len(found.names) == 8
 
 
 def test_room_is_put_into_a_scene_frame(tmp_path: Path, room_images: list[np.ndarray]) -> None:
@@ -269,7 +314,7 @@ def test_four_frames_report_what_is_not_known_as_none_and_one_rising_bar(
     assert "NaN" not in (tmp_path / "saved" / "report.json").read_text()
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
-    assert fractions[0] == pytest.approx(0.25)
+    assert 0 < fractions[0] <= 0.25
     assert {stage for stage, _ in told} == set(STAGES)
 
 
@@ -363,7 +408,7 @@ def test_what_colmap_cannot_write_is_an_error_of_the_system(
     def fails(*_: object, **__: object) -> None:
         raise RuntimeError("SQLite error: database or\n disk is full")
 
-    monkeypatch.setattr(features, "match_features", fails)
+    monkeypatch.setattr(features, "read_pairs", fails)
     with pytest.raises(OSError, match="database or disk is full") as raised:
         run(tmp_path, room_images[:3])
     assert raised.value.filename.endswith("database.db")

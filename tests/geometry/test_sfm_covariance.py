@@ -90,7 +90,7 @@ def test_every_pose_has_a_covariance() -> None:
     noise = pycolmap.SyntheticNoiseOptions()
     noise.point2D_stddev = 0.5
     pycolmap.synthesize_noise(noise, model)
-    covariances = pose_covariances(model, ids, refined_camera=True)
+    covariances = pose_covariances(model, ids, refined_camera=True, tied_by="SIFT")
     assert covariances is not None
     assert covariances.shape == (6, 6, 6)
     assert np.isfinite(covariances).all()
@@ -104,7 +104,7 @@ def test_no_covariance_where_the_gauge_holds_no_camera(monkeypatch: pytest.Monke
         get_cam_cross_cov_from_world=lambda _a, _b: np.zeros((6, 6)),
     )
     monkeypatch.setattr(pycolmap, "estimate_ba_covariance", lambda *_: whole)
-    assert pose_covariances(model, ids, refined_camera=False) is None
+    assert pose_covariances(model, ids, refined_camera=False, tied_by="SIFT") is None
 
 
 def test_gauge_projector_removes_similarities_and_nothing_else() -> None:

@@ -1,0 +1,54 @@
+"""What the stage that registers says of the poses beside them."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from locate.journal.progress import silent
+from locate.pipeline import poses
+from locate.pipeline.config import RunConfig
+from locate.pipeline.files import RunFiles
+from locate.pipeline.source import RecordingSource
+from locate.recording import KeyFrame, KeyFrames
+
+LOST = "key frames 7 and 8 share 41 features (needs 100)"
+
+
+def notes_of(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    lost: str | None,
+    is_video: bool,
+) -> tuple[str, ...]:
+    """The notes where structure from motion reports that tracks were lost."""
+    found = SimpleNamespace(
+        trajectory=range(9),
+        report={"method": "global", "tracks_lost": lost},
+        save=lambda sfm: sfm.mkdir(parents=True),
+    )
+    monkeypatch.setattr(poses, "call_apart", lambda *_args, **_kwargs: found)
+    frames = tuple(
+        KeyFrame(index=i, time_s=0.1 * i, source="a.mp4", sharpness=50.0, motion_px=9.0)
+        for i in range(9)
+    )
+    key_frames = KeyFrames(frames=frames, width=640, height=480, is_video=is_video, static=False)
+    source = RecordingSource(config=RunConfig(recording=folder / "a.mp4"), bag=None)
+    files = RunFiles(folder)
+    poses.reconstruct_poses(source, key_frames, files, files, silent)
+    return poses.load_pose_notes(files)
+
+
+def test_a_video_whose_tracks_break_has_a_note(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (note,) = notes_of(tmp_path, monkeypatch, lost=LOST, is_video=True)
+    assert note == f"poses come from SIFT matches and not from feature tracks: {LOST}"
+
+
+@pytest.mark.parametrize(("lost", "is_video"), [(None, True), (LOST, False)])
+def test_no_note_with_tracks_and_none_of_photos(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str | None, is_video: bool
+) -> None:
+    assert notes_of(tmp_path, monkeypatch, lost=lost, is_video=is_video) == ()
