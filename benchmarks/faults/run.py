@@ -2,12 +2,13 @@
 
     python -m benchmarks.faults run [--kills 60] [--step 1] [--tries 6] [--only WORDS]
 
-Prints a table: how often it was tried, in how many cases the folder ended the same, and what was
-lost in the others. A run that is disturbed must end by the kill itself or by one line with exit
-code 2. Full disks are mounted in a name space of Linux (`unshare`).
+Prints a table: how often it was tried, in how many cases the folder ended the same; and what was
+lost in the others, as it happens. A run that is disturbed must end by the kill itself or by one
+line with exit code 2. Full disks are mounted in a name space of Linux (`unshare`).
 """
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 
@@ -39,11 +40,10 @@ def main(options: argparse.Namespace) -> None:
         for name, disturb in KINDS.items():
             if options.only in name:
                 amount = amounts.get(disturb, options.tries)
-                losses = list(disturb(whole, Path(work) / "out", amount))
-                lost = [loss for loss in losses if loss]
-                print(
-                    f"| {name} | {len(losses)} | {len(losses) - len(lost)} | {len(lost)} |",
-                    flush=True,
-                )
-                for loss in lost:
-                    print(f"    {name}: {loss}", flush=True)
+                tried = lost = 0
+                for loss in disturb(whole, Path(work) / "out", amount):
+                    tried += 1
+                    lost += bool(loss)
+                    if loss:
+                        print(f"    {name}: {loss}", file=sys.stderr, flush=True)
+                print(f"| {name} | {tried} | {tried - lost} | {lost} |", flush=True)
