@@ -6,7 +6,7 @@ from typing import Self
 import cv2
 import numpy as np
 
-from geometry.arrays import FloatMap
+from geometry.arrays import FloatMap, IntArray
 
 MAP_WIDTH_PX = 320
 """Width that maps are summed to, px; chosen by hand: the narrowest plumes are some px wide then."""
@@ -47,6 +47,20 @@ class DisplacementInformation:
             return np.asarray(mean * np.float32(pixels))
 
         return type(self)(vector=sum_cells(self.vector), matrix=sum_cells(self.matrix))
+
+    def without(self, polygon: IntArray) -> Self:
+        """The same with nothing known inside a polygon, (K, 2) cells."""
+        vector, matrix = self.vector.copy(), self.matrix.copy()
+        for maps in (vector, matrix):
+            cv2.fillPoly(maps, [polygon.astype(np.int32)], (0.0, 0.0, 0.0))
+        return type(self)(vector=vector, matrix=matrix)
+
+    def in_units_of(self, px: float) -> Self:
+        """The same of a frame so many times as large, displacements in its px."""
+        return type(self)(
+            vector=np.asarray(self.vector / np.float32(px)),
+            matrix=np.asarray(self.matrix / np.float32(px * px)),
+        )
 
     def without_local_mean(self, sigma_px: float) -> Self:
         """The same without what the surroundings of a pixel share.

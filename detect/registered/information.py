@@ -14,16 +14,24 @@ import numpy as np
 
 from detect.information import MAP_WIDTH_PX, DisplacementInformation
 from detect.registered.separation import TINY, row_bands
-from detect.warp import blur, gradients
+from detect.warp import blur
 from geometry.arrays import FloatMap
 
-BRIGHTNESS_SHARE = 0.025
-"""Standard deviation of what counts as a change of brightness, in widths of the frame."""
+BRIGHTNESS_PX = 5.0
+"""Standard deviation of what counts as a change of brightness, px."""
 COMMON_SHARE = 0.05
 """Standard deviation of what counts as an error of registration, in widths of the frame."""
 SCATTER_PX = 2.0
 """Standard deviation of the window that the noise is taken from, px; chosen by hand."""
-LEAST_VARIANCE = 1.0
+NEIGHBOUR_PX = 3.0
+"""Standard deviation of the window that the error of one neighbour is taken from, px."""
+BLURRED = 2.0
+"""Mean squared gradient at half the size over that at full size, from which on frames count as
+blurred: 4 where half the size loses no detail, 1 in white noise. A handheld recording has 2.6,
+simulated plants 1.3 to 1.7 (docs/weak_plumes.md)."""
+COMMON_GRADIENTS_PERCENT = 95
+"""Gradients are clipped at this percentile for that, so that a few edges do not decide."""
+LEAST_VARIANCE = 0.5
 """Of the noise, grey levels squared: 8-bit frames have a twelfth by rounding alone."""
 STEP_STIFFNESS = 1.0
 """Keeps the depth where nothing tells it, grey levels squared per unit of inverse depth squared."""
@@ -34,53 +42,95 @@ EDGE_ERROR_SHARE = 0.2
 MOST_PX = 0.7
 """Displacement from which on a pixel loses weight: thin things with the depth of what is behind
 them look displaced by more; chosen by hand."""
+SLOPE_TAPS = np.array([1, -8, 0, 8, -1], np.float32) / 12
+"""Of the slope along a line of pixels: the central difference of fourth order. A Scharr operator
+reads fine detail as flatter than it is, so that displacements there seem larger."""
 ENOUGH_NEIGHBOURS = 0.5
 """Share of the neighbours that must see a pixel; chosen by hand."""
 
 
-def displacement_information(
-    key: FloatMap,
-    registered: FloatMap,
-    slopes: FloatMap,
-    visible: FloatMap,
-    depth_edge_px: FloatMap,
-) -> DisplacementInformation:
-    """The information of one key frame, on at most `MAP_WIDTH_PX` cells along its width.
+@dataclass(frozen=True, kw_only=True)
+class RegisteredFrames:
+    """A key frame and N neighbours brought onto it by poses and depth.
 
-    Args:
+    Attributes:
         key: (H, W) the key frame, grey levels.
-        registered: (N, H, W) its neighbours, each brought onto it by poses and depth.
+        neighbours: (N, H, W) grey levels.
         slopes: (N, 2, H, W) px per unit of inverse depth.
         visible: (N, H, W) where each is seen, 0 or 1.
         depth_edge_px: (H, W) by how much parallax varies between a pixel and its surroundings.
     """
-    height, width = key.shape
-    wide = BRIGHTNESS_SHARE * width
-    differences = registered - key
+
+    key: FloatMap
+    neighbours: FloatMap
+    slopes: FloatMap
+    visible: FloatMap
+    depth_edge_px: FloatMap
+
+    @property
+    def mean(self) -> FloatMap:
+        """(H, W) of all frames; the gradient of one alone holds that frame's own noise."""
+        total = self.key + self.neighbours.sum(axis=0)
+        return np.asarray(total / np.float32(1 + len(self.neighbours)))
+
+    @property
+    def blurred(self) -> bool:
+        """Whether half the size would show the same detail."""
+        return _usual_steepness(_halve(self.mean)) > BLURRED * _usual_steepness(self.mean)
+
+    def halved(self) -> Self:
+        """The same at half the size, in px of that size."""
+        return type(self)(
+            key=_halve(self.key),
+            neighbours=np.stack([_halve(image) for image in self.neighbours]),
+            slopes=np.stack([[_halve(part) / 2 for part in slope] for slope in self.slopes]),
+            visible=np.stack([np.round(_halve(seen)) for seen in self.visible]),
+            depth_edge_px=_halve(self.depth_edge_px / np.float32(2)),
+        )
+
+
+def displacement_information(frames: RegisteredFrames) -> DisplacementInformation:
+    """The information of one key frame, on at most `MAP_WIDTH_PX` cells along its width.
+
+    Blurred frames are measured at half their size: the finest pixels hold noise and no detail, and
+    a neighbour that lies half a pixel wrong there loses much of the displacement. Small frames are
+    measured as they are, as half of one would not fill the cells.
+    """
+    if frames.key.shape[1] >= 2 * MAP_WIDTH_PX and frames.blurred:
+        return _measure_frames(frames.halved()).in_units_of(2.0)
+    return _measure_frames(frames)
+
+
+def _measure_frames(frames: RegisteredFrames) -> DisplacementInformation:
+    """In px of these frames."""
+    height, width = frames.key.shape
+    differences = frames.neighbours - frames.key
     for k, difference in enumerate(differences):
-        differences[k] = difference - _blur_wide(difference, wide)
-    along_x, along_y = gradients((key + registered.mean(axis=0)) / 2)
+        differences[k] = difference - _blur_wide(difference, BRIGHTNESS_PX)
+    along_x, along_y = _slopes(frames.mean)
+    trust = frames.visible * _neighbour_trust(differences)
     scatter, weight = np.empty((2, height, width), np.float32)
     squares = np.empty_like(differences)
     for rows in row_bands(height):
-        lever = _levers(along_x, along_y, slopes, rows)
-        first = _PixelFit.solve(differences[:, rows], lever, visible[:, rows])
+        lever = _levers(along_x, along_y, frames.slopes, rows)
+        first = _PixelFit.solve(differences[:, rows], lever, trust[:, rows])
         scatter[rows], weight[rows] = first.scatter, first.weights.sum(axis=0)
-        squares[:, rows] = first.squared_residuals
+        squares[:, rows] = trust[:, rows] * first.squared_residuals
     freedom = np.maximum(blur(weight, SCATTER_PX) - 2, 1)
     noise = blur(scatter, SCATTER_PX) / freedom
     steepness = along_x * along_x + along_y * along_y
-    error_px2 = MODEL_ERROR_PX**2 + (EDGE_ERROR_SHARE * depth_edge_px) ** 2
+    error_px2 = MODEL_ERROR_PX**2 + (EDGE_ERROR_SHARE * frames.depth_edge_px) ** 2
     told, precision = np.empty((2, height, width), np.float32)
     for rows in row_bands(height):
-        lever = _levers(along_x, along_y, slopes, rows)
+        lever = _levers(along_x, along_y, frames.slopes, rows)
         calm = 4 * (noise[rows] + LEAST_VARIANCE)
-        weights = np.asarray(visible[:, rows] / (1 + squares[:, rows] / calm), np.float32)
+        weights = np.asarray(trust[:, rows] / (1 + squares[:, rows] / calm), np.float32)
         answer = _PixelFit.solve(differences[:, rows], lever, weights)
         told[rows] = -answer.common
         variance = noise[rows] * (1 + answer.variance_factor) + LEAST_VARIANCE
         variance += steepness[rows] * error_px2[rows]
-        enough = visible[:, rows].sum(axis=0) >= max(2, ENOUGH_NEIGHBOURS * len(visible))
+        seen = frames.visible[:, rows].sum(axis=0)
+        enough = seen >= max(2, ENOUGH_NEIGHBOURS * len(frames.visible))
         precision[rows] = enough / variance
     precision /= 1 + (told * told / (steepness + 1) / MOST_PX**2) ** 2
     weighted_x, weighted_y = precision * along_x, precision * along_y
@@ -91,6 +141,37 @@ def displacement_information(
     factor = min(1.0, MAP_WIDTH_PX / width)
     columns, lines = round(width * factor), round(height * factor)
     return information.summed_to(columns, lines).without_local_mean(COMMON_SHARE * columns)
+
+
+def _neighbour_trust(differences: FloatMap) -> FloatMap:
+    """(N, H, W) weight of each neighbour at each pixel, 1 of the best: far ones err by more.
+
+    Args:
+        differences: (N, H, W) from the key frame, grey levels.
+    """
+    errors = np.stack([blur(each * each, NEIGHBOUR_PX) for each in differences])
+    errors += np.float32(LEAST_VARIANCE)
+    return np.asarray(errors.min(axis=0) / errors)
+
+
+def _usual_steepness(image: FloatMap) -> float:
+    """Mean squared gradient, those of a few strong edges clipped."""
+    along_x, along_y = _slopes(image)
+    squares = along_x * along_x + along_y * along_y
+    return float(np.minimum(squares, np.percentile(squares, COMMON_GRADIENTS_PERCENT)).mean())
+
+
+def _slopes(image: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """The slopes along x and y, grey levels per px."""
+    one, border = np.ones(1, np.float32), cv2.BORDER_REPLICATE
+    along_x = cv2.sepFilter2D(image, -1, SLOPE_TAPS, one, borderType=border)
+    along_y = cv2.sepFilter2D(image, -1, one, SLOPE_TAPS, borderType=border)
+    return np.asarray(along_x), np.asarray(along_y)
+
+
+def _halve(image: FloatMap) -> FloatMap:
+    height, width = image.shape
+    return np.asarray(cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
 
 
 def _levers(along_x: FloatMap, along_y: FloatMap, slopes: FloatMap, rows: slice) -> FloatMap:

@@ -9,7 +9,7 @@ import numpy as np
 from detect.differential import LeastSquaresWindow
 from detect.flow import dis_matcher
 from detect.information import DisplacementInformation
-from detect.registered.information import displacement_information
+from detect.registered.information import RegisteredFrames, displacement_information
 from detect.registered.pose_errors import SOME, PoseErrors
 from detect.registered.robust_separation import RegisteredNeighbours, median_map, separate_robust
 from detect.registered.separation import (
@@ -218,11 +218,13 @@ class Registration:
             relative_inverse_depth=self._inverse_depth,
             depth_edge_px=depth_edge_px,
             information=displacement_information(
-                self._grey,
-                registered.images,
-                registered.slopes,
-                registered.visible,
-                depth_edge_px,
+                RegisteredFrames(
+                    key=self._grey,
+                    neighbours=registered.images,
+                    slopes=registered.slopes,
+                    visible=registered.visible,
+                    depth_edge_px=depth_edge_px,
+                )
             ),
         )
 

@@ -1,12 +1,18 @@
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from detect.detection import Detection
 from detect.information import DisplacementInformation
 from detect.registered import RegisteredDetector
-from detect.registered.information import COMMON_SHARE
+from detect.registered.information import (
+    COMMON_SHARE,
+    RegisteredFrames,
+    displacement_information,
+)
+from detect.warp import sample
 from geometry.errors import BadInputError
 from geometry.npz import read_npz, save_arrays
 from tests.detect.scenes import TwoWalls, two_walls
@@ -63,6 +69,65 @@ def test_shapes_must_go_together() -> None:
         DisplacementInformation(
             vector=np.zeros((4, 5, 2), np.float32), matrix=np.zeros((4, 6, 3), np.float32)
         )
+
+
+def registered(texture: np.ndarray, w: np.ndarray, noise: list[float]) -> RegisteredFrames:
+    """A key frame whose texture is displaced by w (H, W, 2), and still neighbours on both sides.
+
+    Args:
+        texture: (H, W) grey levels.
+        w: px.
+        noise: Standard deviation of each neighbour's, grey levels; the key frame has 1.
+    """
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[: len(texture), : texture.shape[1]].astype(np.float32)
+    key = sample(texture, np.stack([x, y], axis=-1) + w)
+    slopes = np.zeros((len(noise), 2, *texture.shape), np.float32)
+    slopes[:, 0] = np.linspace(-20, 20, len(noise))[:, None, None]
+    neighbours = [texture + sigma * rng.normal(size=texture.shape) for sigma in noise]
+    return RegisteredFrames(
+        key=(key + rng.normal(size=key.shape)).astype(np.float32),
+        neighbours=np.array(neighbours, np.float32),
+        slopes=slopes,
+        visible=np.ones_like(slopes[:, 0]),
+        depth_edge_px=np.zeros_like(texture),
+    )
+
+
+def random_texture(finest_px: float) -> np.ndarray:
+    white = np.random.default_rng(2).normal(size=(240, 640))
+    texture = cv2.GaussianBlur(white, (0, 0), finest_px)
+    return np.asarray(127 + 25 * texture / texture.std(), np.float32)
+
+
+def column_turn(size_px: float) -> np.ndarray:
+    x = (np.arange(640) - 320) / 12
+    turn = np.zeros((240, 640, 2), np.float32)
+    turn[..., 0] = size_px * x * np.exp(-(x**2) / 2)
+    return turn
+
+
+@pytest.mark.parametrize(("finest_px", "blurred"), [(1.0, False), (3.0, True)])
+def test_blurred_frames_and_sharp_ones_tell_the_size_in_the_same_px(
+    finest_px: float, blurred: bool
+) -> None:
+    turn = column_turn(0.3)
+    frames = registered(random_texture(finest_px), turn, [1.0] * 6)
+    assert frames.blurred is blurred
+    information = displacement_information(frames)
+    coarse = cv2.resize(turn, (320, 120), interpolation=cv2.INTER_AREA)
+    exact = of_displacement(coarse, information.matrix).without_local_mean(COMMON_SHARE * 320)
+    size = (coarse * information.vector).sum() / (coarse * exact.vector).sum()
+    assert size == pytest.approx(1, abs=0.15)
+
+
+def test_a_neighbour_that_errs_counts_for_little() -> None:
+    texture, still = random_texture(1.0), column_turn(0.0)
+    without, with_it = (
+        displacement_information(registered(texture, still, noise)).matrix[..., 0].sum()
+        for noise in ([1.0] * 6, [1.0] * 5 + [40.0])
+    )
+    assert with_it > 0.5 * without
 
 
 def share_measured(scene: TwoWalls, truth: np.ndarray) -> float:
