@@ -107,9 +107,15 @@ class Views:
         vars(rolled)["unit"] = self.unit
         return rolled
 
-    def with_evidence(self, llr: FloatMap) -> Self:
-        """The same views with other evidence, (V, H, W); what does not depend on it is kept."""
-        other = replace(self, llr=llr)
+    def with_evidence(
+        self, llr: FloatMap, information: tuple[DisplacementInformation, ...] | None = None
+    ) -> Self:
+        """The same views with other evidence, (V, H, W), and perhaps other information.
+
+        What does not depend on them is kept.
+        """
+        kept_information = self.information if information is None else information
+        other = replace(self, llr=llr, information=kept_information)
         kept = vars(self).keys() & FREE_OF_EVIDENCE
         vars(other).update({name: vars(self)[name] for name in kept})
         return other

@@ -8,7 +8,7 @@ from geometry.grid import sum_evidence
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, find_turns
-from locate.fusion.matched.plumes import NATS_TOGETHER, TurnSearch, passes
+from locate.fusion.matched.plumes import NATS_TOGETHER, TurnSearch, column_of, passes
 from locate.fusion.matched.scan import propose_turns
 from locate.fusion.matched.score import join_sides
 from locate.fusion.views import Views
@@ -119,6 +119,21 @@ def test_a_known_plume_is_not_found_again(truth: ColumnTruth) -> None:
     search = search_of(views_of(truth, 0.4))
     known = search.find_plumes([], np.random.default_rng(1))
     assert search.find_plumes(known, np.random.default_rng(1)) == []
+
+
+def test_what_a_plume_explains_supports_no_other(truth: ColumnTruth) -> None:
+    search = search_of(views_of(truth, 0.4))
+    (plume,) = search.find_plumes([], np.random.default_rng(1))
+    turn = find_turns(
+        search.score,
+        propose_turns(search.score.filters, search.grid),
+        np.random.default_rng(0),
+    )[0].column
+    beside = turn.shifted(np.array([0.3, 0.0])).as_columns
+    rest = search.score.without([column_of(plume)])
+    assert abs(search.score(turn.as_columns)[0]) > 10
+    assert abs(rest(turn.as_columns)[0]) < 3
+    assert abs(rest(beside)[0]) < abs(search.score(beside)[0])
 
 
 def test_views_without_information_are_not_searched(truth: ColumnTruth) -> None:

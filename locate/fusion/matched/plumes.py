@@ -70,14 +70,19 @@ class TurnSearch:
             known: Plumes found by the evidence of pixels.
             rng: Of the searches.
         """
-        views = self.score.filters.views
+        unit = self.score.filters.views.unit
+        others = [column_of(plume) for plume in known]
         found: list[Plume] = []
         for turn in find_turns(self.score, propose_turns(self.score.filters, self.grid), rng):
             if abs(turn.sigmas) < LEAST_SIGMAS:
                 break
-            plume = _measure_turn(views, turn, rng)
-            if plume is not None and not _is_near(plume, [*known, *found], views.unit):
+            # What another plume explains must not support this one.
+            score = self.score.without(others) if others else self.score
+            own = Turn(turn.column, float(score(turn.column.as_columns)[0]))
+            plume = _measure_turn(score.filters.views, own, rng)
+            if plume is not None and not _is_near(plume, [*known, *found], unit):
                 found.append(plume)
+                others.append(turn.column.widened(RADIUS_WIDTHS))
         return found
 
 
@@ -85,6 +90,17 @@ def passes(sigmas: FloatArray, pixel_nats: FloatArray) -> BoolArray:
     """(...) whether a turn with so many sigmas and so much evidence of pixels is a plume."""
     together = sigmas**2 / 2 + pixel_nats
     return np.asarray((np.abs(sigmas) >= LEAST_SIGMAS) & (together >= NATS_TOGETHER))
+
+
+def column_of(plume: Plume) -> PlumeColumn:
+    """The column that a plume fills."""
+    low, high = plume.extent_low, plume.extent_high
+    radii = np.interp([low, high], *plume.radius_by_height.T)
+    height = (high - low) * plume.axis[2]
+    slopes = plume.axis[:2] / plume.axis[2]
+    opening = (radii[1] - radii[0]) / height
+    lowest = plume.points_on_axis(np.array([low]))[0]
+    return PlumeColumn(np.array([*lowest, *slopes, height, radii[0], opening]))
 
 
 def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume | None:

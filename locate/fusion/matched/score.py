@@ -1,6 +1,8 @@
 """How surely the displacement turns about the axes of columns, all views together."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import product
 from typing import Self
 
@@ -14,7 +16,17 @@ from locate.fusion.matched.filters import (
     TurnSamples,
     scatter_of,
 )
-from locate.fusion.search.columns import HEIGHT, RADIUS, SLOPE_X, SLOPE_Y, Columns, X, Z
+from locate.fusion.search.columns import (
+    HEIGHT,
+    RADIUS,
+    SLOPE_X,
+    SLOPE_Y,
+    Columns,
+    PlumeColumn,
+    X,
+    Z,
+)
+from locate.fusion.search.score import mask_out
 
 ALONG = 8
 """Points of an axis that are sampled; chosen by hand."""
@@ -108,6 +120,10 @@ class TurnScore:
             enough = even.views >= FEWEST_VIEWS
             scatter[w, h] = [scatter_of(side[enough]) for side in even.sides]
         return cls(filters=filters, view_scatter=view_scatter, scatter=scatter)
+
+    def without(self, others: Sequence[PlumeColumn]) -> Self:
+        """The same with nothing known inside other columns."""
+        return replace(self, filters=TurnFilters(reduce(mask_out, others, self.filters.views)))
 
     def view_turns(self, columns: Columns) -> ViewTurns:
         """Of each view, in units of its scatter."""

@@ -175,7 +175,7 @@ def supporting_pixels(views: Views, column: PlumeColumn) -> BoolArray:
 
 
 def mask_out(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADII) -> Views:
-    """The views with the evidence inside a column's outline, `radii` wide, set to zero.
+    """The views without evidence and information inside a column's outline, `radii` wide.
 
     What one plume explains must not support another.
     """
@@ -184,6 +184,7 @@ def mask_out(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADI
     points = wide.axis_points(heights)
     half_widths = np.maximum(wide.radius + wide.opening * heights, wide.radius / 2)
     llr = views.llr.copy()
+    information = list(views.information)
     for i in range(len(views)):
         in_cam = views.trajectory.world_to_cam(i, points)
         pixels = views.trajectory.camera.project(in_cam)
@@ -193,5 +194,8 @@ def mask_out(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADI
         half = views.trajectory.camera.focal_px * half_widths[ahead] / in_cam[ahead, 2]
         sideways = np.stack([half, np.zeros_like(half)], axis=1)
         outline = np.concatenate([pixels[ahead] - sideways, (pixels[ahead] + sideways)[::-1]])
-        cv2.fillPoly(llr[i], [np.rint(outline).astype(np.int32)], 0.0)
-    return views.with_evidence(llr)
+        polygon = np.rint(outline).astype(np.int32)
+        cv2.fillPoly(llr[i], [polygon], 0.0)
+        if information:
+            information[i] = information[i].without(polygon)
+    return views.with_evidence(llr, tuple(information))
