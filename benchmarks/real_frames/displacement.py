@@ -7,6 +7,7 @@ import numpy as np
 
 from detect.information import DisplacementInformation
 from detect.registered.information import COMMON_SHARE
+from detect.registered.separation import TINY
 from detect.warp import gradients, sample, structure_tensor
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 from geometry.camera import Camera
@@ -19,6 +20,12 @@ FEWEST = 30
 TEXTURE_SIGMA_PX = 2.0
 EDGE_SIDE_PX = 5
 THIRDS = ("texture", "size", "edge")
+SHIFTS = 250
+ASIDE_SHARE, UP_SHARE = (0.06, 0.5), 1 / 6
+"""How far a plume's shape is moved aside, in widths, and up or down, in heights, to where none
+is."""
+AS_MUCH = 0.25
+"""Share of the precision at the plume that a place elsewhere must have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,12 +38,14 @@ class FrameRatios:
             `THIRDS`: how much detail the frame has there, |w|, and the step of depth.
         mean_px: Mean true |w| inside.
         informed: As `informed_over_true`.
+        signal: As `signal_over_noise`.
     """
 
     inside: float
     thirds: dict[str, tuple[float, float, float]]
     mean_px: float
     informed: float = float("nan")
+    signal: float = float("nan")
 
 
 def true_in_undistorted(truth: FloatMap, camera: Camera) -> FloatMap:
@@ -83,6 +92,34 @@ def informed_over_true(information: DisplacementInformation, truth: FloatMap) ->
     ).without_local_mean(COMMON_SHARE * width)
     variance = float((coarse * exact.vector).sum())
     return float((coarse * information.vector).sum()) / variance if variance > 0 else float("nan")
+
+
+def signal_over_noise(information: DisplacementInformation, truth: FloatMap) -> float:
+    """What a frame says for a plume of known displacement, against its scatter elsewhere.
+
+    Args:
+        information: (h, w) of a frame.
+        truth: (H, W, 2) px.
+    """
+    height, width = information.matrix.shape[:2]
+    coarse = cv2.resize(truth, (width, height), interpolation=cv2.INTER_AREA)
+    rng = np.random.default_rng(0)
+    aside = rng.uniform(*ASIDE_SHARE, SHIFTS) * rng.choice([-1, 1], SHIFTS) * width
+    up = rng.uniform(-UP_SHARE, UP_SHARE, SHIFTS) * height
+    moved = [_moved(coarse, int(x), int(y)) for x, y in zip(aside, up, strict=True)]
+    precision = np.array([(w * information.times(w)).sum() for w in (coarse, *moved)])
+    score = np.array([(w * information.vector).sum() for w in (coarse, *moved)])
+    sigmas = score / np.sqrt(np.maximum(precision, TINY))
+    elsewhere = precision[1:] > AS_MUCH * precision[0]
+    if precision[0] <= 0 or elsewhere.sum() < FEWEST:
+        return float("nan")
+    return float(sigmas[0] / sigmas[1:][elsewhere].std())
+
+
+def _moved(maps: FloatMap, right: int, down: int) -> FloatMap:
+    """(H, W, 2) maps moved by whole pixels; what comes in from outside is 0."""
+    matrix = np.array([[1.0, 0, right], [0, 1, down]])
+    return np.asarray(cv2.warpAffine(maps, matrix, maps.shape[1::-1], flags=cv2.INTER_NEAREST))
 
 
 def frame_ratios(

@@ -14,6 +14,7 @@ from benchmarks.real_frames.displacement import (
     FrameRatios,
     frame_ratios,
     informed_over_true,
+    signal_over_noise,
     true_in_undistorted,
 )
 from detect.detection import Detection
@@ -50,6 +51,8 @@ class CaseScore:
         silent_share: Share of the frames without any evidence.
         sigma_px: Median over frames of the median sigma.
         informed: The same by the normal equations of the displacement.
+        signal: What they say for the true displacement, against their scatter elsewhere, median
+            over frames.
         ratio: Measured over true displacement inside the plume, median over frames.
         thirds: The same by third of each of `THIRDS`.
     """
@@ -69,6 +72,7 @@ class CaseScore:
     silent_share: float | None = None
     sigma_px: float | None = None
     informed: float | None = None
+    signal: float | None = None
     ratio: float | None = None
     thirds: dict[str, Thirds] | None = None
 
@@ -121,6 +125,7 @@ def score_map(case: Case, run: Path, plume_map: PlumeMap, poses: str, cpu_s: flo
         false_plumes=len(evaluation.false_plumes),
         mean_px=median([each.mean_px for each in ratios]),
         informed=median([each.informed for each in ratios]),
+        signal=median([each.signal for each in ratios]),
         ratio=median([each.inside for each in ratios]),
         thirds=thirds_of(ratios),
     )
@@ -149,8 +154,13 @@ def ratios_of(
                 images[k],
                 detection.inverse_depth,
             )
-            informed = float("nan") if information is None else informed_over_true(information, w)
-            ratios.append(replace(by_frame, informed=informed))
+            if information is not None:
+                by_frame = replace(
+                    by_frame,
+                    informed=informed_over_true(information, w),
+                    signal=signal_over_noise(information, w),
+                )
+            ratios.append(by_frame)
     return ratios
 
 

@@ -20,6 +20,7 @@ COLUMNS = (
     "silent frames",
     "sigma, px",
     "informed / true",
+    "signal / noise",
     "measured / true",
     *(f"by {name}" for name in THIRDS),
     "CPU s",
@@ -63,6 +64,7 @@ def row(scores: Sequence[CaseScore]) -> str:
         median_text([score.silent_share for score in scores]),
         median_text([score.sigma_px for score in scores], ".3f"),
         median_text([score.informed for score in scores]),
+        median_text([score.signal for score in scores], ".1f"),
         median_text([score.ratio for score in scores]),
         *(
             " ".join(median_text([of[name][k] for of in thirds]) for k in range(3))
