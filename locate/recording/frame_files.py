@@ -87,9 +87,8 @@ class FrameFiles:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What results are called: the stems of the names, the names where two stems are one."""
-        stems = tuple(Path(name).stem for name in self.names)
-        return stems if len(set(stems)) == len(stems) else self.names
+        """What results are called: the names without their suffix, each once in a folder."""
+        return tuple(Path(name).stem for name in self.names)
 
     def frames(self) -> Frames:
         """The frames as they are."""

@@ -72,6 +72,8 @@ def test_sigma_of_the_mean_is_that_of_correlated_errors(shared: float) -> None:
 
 
 class Says:
+    uses_other_frames = False
+
     def __init__(self, name: str, llr: float) -> None:
         self.name, self._llr = name, llr
         self.response = Response(ratios=(0.0,), llr=(llr,))
