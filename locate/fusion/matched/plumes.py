@@ -14,7 +14,7 @@ from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
-from locate.fusion.matched.fit import Turn, find_turns
+from locate.fusion.matched.fit import APART_UNITS, Turn, find_turns
 from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
 from locate.fusion.matched.score import TurnScore
 from locate.fusion.search.columns import Columns, PlumeColumn, X, Y
@@ -113,7 +113,11 @@ def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume |
     measured = find_axis(filled, column, rng)
     if measured is None:
         return None
-    if np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
+    # Where the evidence of pixels lies elsewhere, what they say for the turn counts alone.
+    leaves = _widest_gap(turn.column, measured[0]) > APART_UNITS * views.unit
+    if leaves:
+        filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
+    if leaves or np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
         measured = _on_turn(*measured, turn)
     nats = pixel_nats + turn.sigmas**2 / 2
     plume = measure_plume(filled, *measured, float(expit(-TRUE_OFFSET - TRUE_SLOPE * nats)))
@@ -122,6 +126,13 @@ def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume |
         evidence_nats=nats,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
+
+
+def _widest_gap(column: PlumeColumn, other: PlumeColumn) -> float:
+    """Largest horizontal distance of another axis from a column, over the column's heights."""
+    ends = column.axis_points(np.array([0.0, column.height]))
+    there = other.axis_points(ends[:, 2] - other.lowest_z)
+    return float(np.linalg.norm(ends - there, axis=1).max())
 
 
 def _on_turn(
