@@ -7,6 +7,7 @@ gradient, so places with little texture lose nothing: they say little, and count
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import cv2
@@ -67,7 +68,7 @@ class RegisteredFrames:
     visible: FloatMap
     depth_edge_px: FloatMap
 
-    @property
+    @cached_property
     def mean(self) -> FloatMap:
         """(H, W) of all frames; the gradient of one alone holds that frame's own noise."""
         total = self.key + self.neighbours.sum(axis=0)

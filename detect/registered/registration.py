@@ -26,6 +26,7 @@ from geometry.epipolar import EpipolarGeometry
 BORDER_PX = 2
 PRESMOOTHING_PX = 0.7
 WINDOW_PX = 2.0
+"""Standard deviation of the window in which displacement is measured."""
 NOISE = 1.4
 MAX_RESIDUAL_PX = 3.0
 TEXTURE_HALF = 4.0

@@ -98,15 +98,20 @@ def adjust_bundle(model: pycolmap.Reconstruction, *, refine_camera: bool) -> Non
     a pixel, and those a moving plume carries off are not. The rough one gives that scale.
     """
     for tolerance in (ROUGH_TOLERANCE, FINE_TOLERANCE):
-        _adjust_once(model, refine_camera=refine_camera, tolerance=tolerance)
+        adjust_once(
+            model, refine_focal=refine_camera, refine_lens=refine_camera, tolerance=tolerance
+        )
     model.update_point_3d_errors()
 
 
-def _adjust_once(model: pycolmap.Reconstruction, *, refine_camera: bool, tolerance: float) -> None:
+def adjust_once(
+    model: pycolmap.Reconstruction, *, refine_focal: bool, refine_lens: bool, tolerance: float
+) -> None:
+    """One bundle adjustment, in place; the robust loss has the scale of the present residuals."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
-    options.refine_focal_length = refine_camera
-    options.refine_extra_params = refine_camera
+    options.refine_focal_length = refine_focal
+    options.refine_extra_params = refine_lens
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = residual_sigma_px(model)
     options.ceres.solver_options.num_threads = THREADS

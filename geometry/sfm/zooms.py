@@ -10,8 +10,7 @@ import numpy as np
 import pycolmap
 
 from geometry.arrays import FloatArray, IntArray
-from geometry.sfm.covariance import residual_sigma_px
-from geometry.sfm.features import THREADS
+from geometry.sfm.mapping import adjust_once
 
 APART = 1.1
 """Least factor between the focal lengths of neighbouring zooms; a refocused lens stays below."""
@@ -19,7 +18,7 @@ FEWEST_IMAGES, FEWEST_SHARE = 3, 0.08
 """Images of a zoom, at least, and their share of all."""
 TIGHT = 6.0
 """How many times narrower, as standard deviation, a zoom is than the gap to the next."""
-MAX_ITERATIONS, TOLERANCE = 50, 1e-4
+TOLERANCE = 1e-4
 """Of the adjustment: the focal lengths are wanted to a per cent."""
 
 
@@ -45,7 +44,7 @@ def focal_lengths_by_image(model: pycolmap.Reconstruction) -> dict[str, float]:
         apart.add_image_with_trivial_frame(copy, image.cam_from_world())
     for point in model.points3D.values():
         apart.add_point3D(point.xyz, point.track)
-    _adjust(apart, residual_sigma_px(model))
+    adjust_once(apart, refine_focal=True, refine_lens=False, tolerance=TOLERANCE)
     return {apart.image(i).name: float(apart.cameras[i].mean_focal_length()) for i in ids}
 
 
@@ -77,20 +76,3 @@ def describe_zooms(names: Sequence[str], focal_px: FloatArray, groups: Sequence[
         for rows in groups
     )
     return f"the frames are of {len(groups)} zooms: {listed}"
-
-
-def _adjust(model: pycolmap.Reconstruction, sigma_px: float) -> None:
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.refine_focal_length = True
-    options.refine_extra_params = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = sigma_px
-    options.ceres.solver_options.num_threads = THREADS
-    options.ceres.solver_options.max_num_iterations = MAX_ITERATIONS
-    options.ceres.solver_options.function_tolerance = TOLERANCE
-    config = pycolmap.BundleAdjustmentConfig()
-    for image_id in model.reg_image_ids():
-        config.add_image(image_id)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from detect.registered.neighbours import WANTED_PARALLAX
+from detect.registered.registration import WINDOW_PX
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.refraction import AMBIENT_TEMPERATURE_K, lever_px, refractivity
 from geometry.rising_plume import RisingPlume
 
 Coding = Literal["lossless", "video"]
-WINDOW_PX = 2.0
-"""Standard deviation of the window in which displacement is measured."""
 STEP_SHARE = WANTED_PARALLAX[0] / 2
 """Parallax from one frame to the next, over the width, that gives neighbours on both sides."""
 HEIGHTS = 400

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 from rich.table import Table
 
+from detect.registered.registration import WINDOW_PX
 from locate.planning.plan import (
     MEASURED_FRAMES,
     MOST_FRAMES,
     NEEDED_PX,
-    WINDOW_PX,
     Level,
     Plan,
 )

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
-from locate.map.plume import Plume, PlumeMap
+from locate.map.plume import Bearing, Plume, PlumeMap
 
 SOURCE = np.array([0.3, -0.2, 0.1])
 
@@ -50,6 +50,17 @@ def plume(source: FloatArray = SOURCE, **changes: Any) -> Plume:
         "displacement_px": 0.7,
     }
     return Plume(**fields | changes)
+
+
+def bearing_ahead() -> Bearing:
+    """A direction along the optical axis."""
+    return Bearing(
+        direction_in_cam=np.array([0.0, 0.0, 1.0]),
+        sigma_rad=0.01,
+        evidence_nats=9.0,
+        probability=0.9,
+        displacement_px=0.4,
+    )
 
 
 def plume_map(*plumes: Plume, **changes: Any) -> PlumeMap:

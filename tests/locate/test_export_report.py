@@ -16,8 +16,8 @@ from locate.export.report import ColouredPoints, ReportFrame, shapes, write_repo
 from locate.export.report.pictures import evidence_uri
 from locate.journal.costs import StageTime
 from locate.map.answer import Cause, Obstacle
-from locate.map.plume import Bearing, PlumeMap
-from tests.locate.answers import SOURCE, orbit, plume, plume_map
+from locate.map.plume import PlumeMap
+from tests.locate.answers import SOURCE, bearing_ahead, orbit, plume, plume_map
 
 VOID = {"meta", "img", "br", "input", "circle", "path", "polygon", "polyline"}
 NOTHING = np.zeros((0, 3))
@@ -225,14 +225,7 @@ def test_axes_have_one_scale_and_stray_points_do_not_zoom_out(tmp_path: Path) ->
 
 
 def test_a_still_camera_has_bearings_and_no_scene(tmp_path: Path) -> None:
-    bearing = Bearing(
-        direction_in_cam=np.array([0.0, 0.0, 1.0]),
-        sigma_rad=0.01,
-        evidence_nats=9.0,
-        probability=0.9,
-        displacement_px=0.4,
-    )
-    answer = plume_map(bearings=(bearing,), detection_limit_px=None)
+    answer = plume_map(bearings=(bearing_ahead(),), detection_limit_px=None)
     text = report(tmp_path / "r.html", answer, None)
     assert "plotly" not in text.lower()
     words = " ".join(Page(text).words)

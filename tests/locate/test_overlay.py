@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from geometry.arrays import Picture
-from locate.map.plume import Bearing, PlumeMap
+from locate.map.plume import PlumeMap
 from locate.pipeline.overlay import wants_overlay, write_overlay
 from locate.recording import KeyFrames
 from locate.recording.index import KeyFrame
 from locate.recording.posed_frames import PosedFrames
-from tests.locate.answers import orbit, plume, plume_map
+from tests.locate.answers import bearing_ahead, orbit, plume, plume_map
 
 GREY = 120
 TRAJECTORY = orbit(6)
@@ -77,14 +77,7 @@ def test_plumes_are_outlined_in_every_frame(tmp_path: Path) -> None:
 
 
 def test_a_camera_at_rest_shows_its_directions(tmp_path: Path) -> None:
-    bearing = Bearing(
-        direction_in_cam=np.array([0.0, 0.0, 1.0]),
-        sigma_rad=0.01,
-        evidence_nats=9.0,
-        probability=0.9,
-        displacement_px=0.4,
-    )
-    frames = shown(tmp_path / "overlay.mp4", plume_map(bearings=(bearing,)), moving=False)
+    frames = shown(tmp_path / "overlay.mp4", plume_map(bearings=(bearing_ahead(),)), moving=False)
     assert all(drawn(frame)[20:28, 28:36].any() for frame in frames)
 
 

@@ -130,7 +130,7 @@ def test_what_a_plume_explains_supports_no_other(truth: ColumnTruth) -> None:
         np.random.default_rng(0),
     )[0].column
     beside = turn.shifted(np.array([0.3, 0.0])).as_columns
-    rest = search.score.without([column_of(plume)])
+    rest = search.score.without(column_of(plume))
     assert abs(search.score(turn.as_columns)[0]) > 10
     assert abs(rest(turn.as_columns)[0]) < 3
     assert abs(rest(beside)[0]) < abs(search.score(beside)[0])

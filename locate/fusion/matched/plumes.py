@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from typing import Self
 
 import numpy as np
@@ -71,18 +71,17 @@ class TurnSearch:
             rng: Of the searches.
         """
         unit = self.score.filters.views.unit
-        others = [column_of(plume) for plume in known]
+        # What another plume explains must not support this one.
+        score = reduce(TurnScore.without, map(column_of, known), self.score)
         found: list[Plume] = []
         for turn in find_turns(self.score, propose_turns(self.score.filters, self.grid), rng):
             if abs(turn.sigmas) < LEAST_SIGMAS:
                 break
-            # What another plume explains must not support this one.
-            score = self.score.without(others) if others else self.score
             own = Turn(turn.column, float(score(turn.column.as_columns)[0]))
             plume = _measure_turn(score.filters.views, own, rng)
             if plume is not None and not _is_near(plume, [*known, *found], unit):
                 found.append(plume)
-                others.append(turn.column.widened(RADIUS_WIDTHS))
+                score = score.without(turn.column.widened(RADIUS_WIDTHS))
         return found
 
 

@@ -1,8 +1,6 @@
 """How surely the displacement turns about the axes of columns, all views together."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from itertools import product
 from typing import Self
 
@@ -121,9 +119,9 @@ class TurnScore:
             scatter[w, h] = [scatter_of(side[enough]) for side in even.sides]
         return cls(filters=filters, view_scatter=view_scatter, scatter=scatter)
 
-    def without(self, others: Sequence[PlumeColumn]) -> Self:
-        """The same with nothing known inside other columns."""
-        return replace(self, filters=TurnFilters(reduce(mask_out, others, self.filters.views)))
+    def without(self, column: PlumeColumn) -> Self:
+        """The same with nothing known inside a column."""
+        return replace(self, filters=TurnFilters(mask_out(self.filters.views, column)))
 
     def view_turns(self, columns: Columns) -> ViewTurns:
         """Of each view, in units of its scatter."""
