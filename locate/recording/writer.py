@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 LOSSLESS = "ffv1"
-H264 = "libx264"
+H264, H265 = "libx264", "libx265"
 FALLBACK = "mpeg4"
-"""Codec where H.264 is not built in."""
+"""Codec where the one asked for is not built in."""
 FINEST_RATE = 1001
 """Largest denominator of a frame rate: 30000/1001 is the finest in use."""
 
@@ -54,7 +54,7 @@ def open_video(
         path: Its suffix names the container.
         size: Width and height, px; an odd last row or column is left out unless lossless.
         fps: Frames per second.
-        codec: `LOSSLESS` (grey) or `H264`; MPEG-4 replaces it where H.264 is not built in.
+        codec: `LOSSLESS` (grey), `H264` or `H265`; MPEG-4 replaces one that is not built in.
         options: For the codec.
     """
     rate = Fraction(fps).limit_denominator(FINEST_RATE)

@@ -11,7 +11,7 @@ from detect.warp import sample
 from locate.simulation.billboards import FIRST_BILLBOARD, BillboardSurfaces, stand_billboard
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.capture import CaptureSetup, RenderedFrames, render_frames
-from locate.simulation.compression import compress_h264, compress_jpeg
+from locate.simulation.compression import compress_h264, compress_h265, compress_jpeg
 from locate.simulation.nuisances import NUISANCES, apply_nuisances, draw_nuisances
 from locate.simulation.recording import write_recording
 from locate.simulation.render import Renderer
@@ -233,6 +233,7 @@ def test_the_chain_is_not_told_of_the_lens(capture: CaptureSetup) -> None:
     [
         (partial(compress_jpeg, quality=60), partial(compress_jpeg, quality=95)),
         (partial(compress_h264, bits_per_pixel=0.15), partial(compress_h264, bits_per_pixel=3.0)),
+        (partial(compress_h265, bits_per_pixel=0.15), partial(compress_h265, bits_per_pixel=3.0)),
     ],
 )
 def test_fewer_bits_store_less(capture: CaptureSetup, worse: partial, better: partial) -> None:
