@@ -56,6 +56,8 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m slow
 	$(MAKE) fuzz
 	$(BIN)/python -m benchmarks.cost run
+	$(BIN)/python -m benchmarks.planner straight
+	$(BIN)/python -m benchmarks.planner turbulent
 	$(BIN)/python -m benchmarks.fusion geometry
 	$(BIN)/python -m benchmarks.scenes orbit
 	$(BIN)/python -m benchmarks.reliability film

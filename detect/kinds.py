@@ -59,6 +59,7 @@ class DetectorKind:
         clutter_nats: What a plume must have for every view that was summed.
         reliability: Caps the probability of its plumes; None leaves it to chance alone.
         empty_frames_note: For frames without any evidence, `{empty}` of `{frames}`.
+        empty_frames_advice: What else to try with them.
     """
 
     name: str
@@ -67,6 +68,7 @@ class DetectorKind:
     clutter_nats: float = 0.0
     reliability: PlumeReliability | None = None
     empty_frames_note: str | None = None
+    empty_frames_advice: str | None = None
 
     @property
     def takes_weights(self) -> bool:
@@ -121,8 +123,10 @@ LEARNED_RELIABILITY = PlumeReliability(offset=-2.002, slope_per_nat=0.446)
 
 EMPTY_FRAMES_NOTE = (
     "{empty} of {frames} frames hold no evidence: they could not be registered well enough for "
-    "what the network has learned (little overlap, or much that moves). "
-    "--detector registered-plain evaluates them without the network."
+    "what the network has learned (little overlap, or much that moves)."
+)
+WITHOUT_NETWORK = (
+    "--detector registered-plain evaluates frames without evidence without the network."
 )
 
 REGISTERED = DetectorKind(
@@ -132,6 +136,7 @@ REGISTERED = DetectorKind(
     clutter_nats=CLUTTER_NATS,
     reliability=LEARNED_RELIABILITY,
     empty_frames_note=EMPTY_FRAMES_NOTE,
+    empty_frames_advice=WITHOUT_NETWORK,
 )
 """Learned where weights are installed, else as `REGISTERED_PLAIN`."""
 REGISTERED_PLAIN = DetectorKind(name="registered-plain", build=_build_registered)

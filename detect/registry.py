@@ -71,10 +71,16 @@ class DetectorChoice:
         found = [part.find_weights(given) for part, given in self._weights_given(weights)]
         return [path for path in found if path is not None]
 
-    def empty_frames_note(self, empty: int, frames: int) -> str | None:
-        """What to note where `empty` of the frames hold no evidence; None where nothing is."""
-        note = self.parts[0].empty_frames_note
-        return note.format(empty=empty, frames=frames) if empty and note else None
+    def empty_frames_note(self, empty: int, frames: int, *, told: bool = False) -> str | None:
+        """What to note where `empty` of the frames hold no evidence; None where nothing is.
+
+        Where the reader is told so elsewhere, only what else to try.
+        """
+        first = self.parts[0]
+        if not empty or first.empty_frames_note is None:
+            return None
+        count = "" if told else first.empty_frames_note.format(empty=empty, frames=frames)
+        return f"{count} {first.empty_frames_advice or ''}".strip()
 
     def make(
         self,

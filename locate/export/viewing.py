@@ -48,13 +48,13 @@ class ViewedFrame:
     Attributes:
         index: In the recording.
         time_s: From the start of the recording; None for photos.
-        image: (H, W), undistorted.
+        picture: (H, W, 3) blue, green, red, undistorted.
         detection: What was measured in it; None in frames that were not measured.
     """
 
     index: int
     time_s: float | None
-    image: GreyImage
+    picture: Picture
     detection: Detection | None
 
 
@@ -201,10 +201,11 @@ def _log_frame(
             mat3x3=run.trajectory.rotations[row].T,
         )
         stream.log(CAMERA, world_from_cam)
-    stream.log(f"{CAMERA}/frame", _encoded(frame.image, ".jpg", draw_order=0.0))
+    size = frame.picture.shape[:2]
+    stream.log(f"{CAMERA}/frame", _encoded(frame.picture, ".jpg", draw_order=0.0))
     if frame.detection is None:  # the viewer goes on showing an encoded picture that is cleared
-        evidence = np.zeros((*frame.image.shape, 4), np.uint8)
-        shift = np.full(frame.image.shape, NOT_MEASURED, np.uint8)
+        evidence = np.zeros((*size, 4), np.uint8)
+        shift = np.full(size, NOT_MEASURED, np.uint8)
         stream.log(f"{WORLD}/rays", rr.Clear(recursive=False))
     else:
         evidence = evidence_layer(frame.detection.llr, run.full_scale_nats)

@@ -116,6 +116,7 @@ def fuse_detections(
         )
     report("fusion", 1.0)
     judged = bool(plumes) or limit_px is not None
+    obstacles = () if judged else measured_obstacles(found, depth=fused.grid is not None)
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,
@@ -124,8 +125,8 @@ def fuse_detections(
         plumes=number_plumes(plumes),
         detection_limit_px=limit_px,
         detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
-        obstacles=() if judged else measured_obstacles(found, depth=fused.grid is not None),
-        notes=map_notes(found, detector, trajectory, plumes, limit_px),
+        obstacles=obstacles,
+        notes=map_notes(found, detector, trajectory, plumes, limit_px, obstacles),
     )
 
 

@@ -7,6 +7,7 @@ from detect.registry import DetectorChoice
 from geometry.covariance import sigma_along
 from geometry.trajectory import Trajectory
 from locate.fusion.limit import AMPLITUDES_PX
+from locate.map.answer import Cause, Obstacle
 from locate.map.plume import Plume
 
 ONE_VIEWPOINT = (
@@ -27,6 +28,7 @@ def map_notes(
     trajectory: Trajectory,
     plumes: Sequence[Plume],
     limit_px: float | None,
+    obstacles: Sequence[Obstacle] = (),
 ) -> tuple[str, ...]:
     """The notes on a map of a moving camera.
 
@@ -36,8 +38,10 @@ def map_notes(
         trajectory: Of the camera.
         plumes: Of the map.
         limit_px: Its detection limit, if there is one.
+        obstacles: What kept it from judging, which the reader is told too.
     """
-    notes = empty_frames_notes(found, detector)
+    told = any(obstacle.cause is Cause.SILENT_FRAMES for obstacle in obstacles)
+    notes = empty_frames_notes(found, detector, told=told)
     if not trajectory.metric:
         notes.append(FREE_SCALE)
     if not trajectory.gravity:
@@ -49,9 +53,18 @@ def map_notes(
     return tuple(notes)
 
 
-def empty_frames_notes(found: Sequence[Detection], detector: DetectorChoice) -> list[str]:
-    """How many of the frames hold no evidence, where the detector has a note on that."""
-    note = detector.empty_frames_note(sum(not each.llr.any() for each in found), len(found))
+def empty_frames_notes(
+    found: Sequence[Detection], detector: DetectorChoice, *, told: bool = False
+) -> list[str]:
+    """How many of the frames hold no evidence, where the detector has a note on that.
+
+    Args:
+        found: The detections.
+        detector: That made them.
+        told: The reader knows how many; only what else to try is noted.
+    """
+    empty = sum(not each.llr.any() for each in found)
+    note = detector.empty_frames_note(empty, len(found), told=told)
     return [] if note is None else [note]
 
 

@@ -1,11 +1,13 @@
 """A finished run as a recording of the viewer."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from detect.detection import Detection
+from geometry.arrays import Picture
 from geometry.errors import BadInputError
 from locate.export.report.pictures import full_scale_nats
 from locate.export.viewing import ViewedFrame, ViewedRun, require_rerun, write_rrd
@@ -18,6 +20,7 @@ from locate.pipeline.poses import frames_at_rest, frames_with_poses
 from locate.pipeline.publish import plume_voxels
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
+from locate.recording.colours import undistorted_pictures
 from locate.recording.posed_frames import PosedFrames
 
 FULL_SCALE_PERCENTILE = 99.5
@@ -55,14 +58,32 @@ def write_view(output: Path, path: Path) -> None:
         full_scale_nats=full_scale_nats([detection.llr for detection in found]),
         full_scale_px=_full_scale_px(found),
     )
-    write_rrd(path, run, _frames(posed, key_frames, dict(zip(indices, found, strict=True))))
+    pictures = _pictures(files, posed)
+    measured = dict(zip(indices, found, strict=True))
+    write_rrd(path, run, _frames(posed, key_frames, pictures, measured))
 
 
 def _posed_frames(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:
     if files.trajectory.exists():
         return frames_with_poses(files, key_frames)
-    source = RecordingSource.of(RunConfig.of(read_settings(files.config)))
-    return frames_at_rest(source, key_frames, files.frames)
+    return frames_at_rest(_source(files), key_frames, files.frames)
+
+
+def _source(files: RunFiles) -> RecordingSource:
+    return RecordingSource.of(RunConfig.of(read_settings(files.config)))
+
+
+def _pictures(files: RunFiles, posed: PosedFrames) -> Iterator[Picture]:
+    """The frames in colour, or grey as the run kept them where its recording is gone."""
+    try:
+        source = _source(files)
+        recording = source.open_frames(source.config.max_side)
+    except BadInputError:
+        for grey in posed.undistorted().images:
+            yield np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        return
+    for _, picture in undistorted_pictures(recording, posed, range(len(posed.indices))):
+        yield picture
 
 
 def _full_scale_px(found: list[Detection]) -> float:
@@ -74,14 +95,16 @@ def _full_scale_px(found: list[Detection]) -> float:
 
 
 def _frames(
-    posed: PosedFrames, key_frames: KeyFrames, found: Mapping[int, Detection]
+    posed: PosedFrames,
+    key_frames: KeyFrames,
+    pictures: Iterable[Picture],
+    found: Mapping[int, Detection],
 ) -> Iterator[ViewedFrame]:
     times = dict(zip(key_frames.indices.tolist(), key_frames.times_s.tolist(), strict=True))
-    images = posed.undistorted().images
-    for row, index in enumerate(posed.indices.tolist()):
+    for index, picture in zip(posed.indices.tolist(), pictures, strict=True):
         yield ViewedFrame(
             index=index,
             time_s=times[index] if key_frames.is_video else None,
-            image=images[row],
+            picture=picture,
             detection=found.get(index),
         )

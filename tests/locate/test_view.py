@@ -1,6 +1,7 @@
 """`locate view`: what it writes, read back with Rerun's own reader."""
 
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -154,6 +155,22 @@ def test_both_clocks_are_there_and_every_frame_has_its_picture(recording: Record
     assert list(pictures) == orbit().indices.tolist()
 
 
+def test_frames_are_in_the_colours_of_photos_that_are_still_there(tmp_path: Path) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    root = finished_run(tmp_path / "run", plume_map(), is_video=False)
+    for index in orbit().indices.tolist():
+        shown = np.full((48, 64, 3), (200, 40, 5 * index), np.uint8)
+        cv2.imwrite(str(photos / f"{index:02d}.png"), shown)
+        cv2.imwrite(str(photos / f"{index + 1:02d}.png"), shown)
+    RunFolder(root).save_config(RunConfig(recording=photos).to_plain())
+    write_view(root, tmp_path / "run.rrd")
+    pictures = Recording(tmp_path / "run.rrd").by_frame("/camera/frame", "EncodedImage:blob")
+    for index, blob in pictures.items():
+        shown = cv2.imdecode(np.array(blob[0], np.uint8), cv2.IMREAD_COLOR)
+        np.testing.assert_allclose(shown.reshape(-1, 3).mean(0), (200, 40, 5 * index), atol=4)
+
+
 @pytest.mark.parametrize(
     ("entity", "empty"), [("/camera/evidence", 0), ("/camera/displacement", NOT_MEASURED)]
 )
@@ -238,6 +255,24 @@ def test_command_writes_a_file_or_starts_the_viewer(
     (path,) = json.loads(seen.read_text())
     assert path.endswith(".rrd")
     assert not Path(path).exists()
+
+
+@pytest.mark.parametrize("ours", [True, False])
+def test_viewer_reports_nothing_to_its_makers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, ours: bool
+) -> None:
+    monkeypatch.delenv("CI", raising=False)
+    for name in ("HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+        monkeypatch.setenv(name, str(tmp_path))
+    if ours:
+        monkeypatch.setenv(command.FORCED_REPORTS, "1")
+    subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "stats", str(tmp_path / "missing.rrd")],
+        env=command.viewer_environment() if ours else None,
+        capture_output=True,
+        check=False,
+    )
+    assert bool([*tmp_path.rglob("analytics/*.json")]) != ours
 
 
 def test_viewer_that_does_not_start_is_one_line(
