@@ -8,12 +8,16 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from locate.pipeline import poses
+
 CHANGES = ("open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.truncate")
 """Names of Python's audit events."""
 
 
 def at_change(folder: Path, number: int, act: Callable[[], object]) -> Callable[[], None]:
     """Sets `act` to be done just before a change of the folder, and before each one after it.
+
+    Structure from motion then has no process of its own, so that its changes count too.
 
     Args:
         folder: With all below it.
@@ -26,7 +30,21 @@ def at_change(folder: Path, number: int, act: Callable[[], object]) -> Callable[
         if event in CHANGES and _is_change(event, given, folder) and next(counted) >= number:
             act()
 
-    return lambda: sys.addaudithook(watch)
+    def begin() -> None:
+        poses.call_apart = _call_here  # type: ignore[assignment]
+        sys.addaudithook(watch)
+
+    return begin
+
+
+def _call_here(
+    function: Callable[..., Any],
+    *arguments: Any,
+    name: str,  # noqa: ARG001 - as of `call_apart`
+    report: Callable[[str, float], object],
+    **keywords: Any,
+) -> Any:
+    return function(*arguments, progress=report, **keywords)
 
 
 def _is_change(event: str, given: tuple[Any, ...], folder: Path) -> bool:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.faults.changes import at_change, fail, kill
-from benchmarks.faults.trial import DisturbedRun, Whole
+from benchmarks.faults.trial import DisturbedRun, Whole, hurry
 
 Loss = str
 """What went wrong; empty where nothing was lost."""
@@ -119,7 +119,8 @@ cp -a "$0"/out "$0".kept; exit $first
 def _run_on_disk(whole: Whole, output: Path, size_kib: int, meanwhile: str) -> Loss:
     """In a name space of its own, where everybody may mount; twice, then on a larger disk."""
     script = ON_DISK.format(size=size_kib, meanwhile=meanwhile)
-    command = [sys.executable, "-m", "locate", "run", whole.recording, "-o", output / "out"]
+    program = f"from {hurry.__module__} import hurry; hurry()"
+    command = [sys.executable, "-c", program, "run", whole.recording, "-o", output / "out"]
     kept = output.with_name(output.name + ".kept")
     output.mkdir()
     done = subprocess.run(

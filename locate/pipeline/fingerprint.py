@@ -3,7 +3,7 @@
 import hashlib
 import os
 import re
-from functools import lru_cache
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -55,22 +55,28 @@ def fingerprint_code(module: str) -> str:
     return summary.hexdigest()
 
 
-@lru_cache
+@cache
 def imported_modules(module: str) -> frozenset[str]:
     """The module, its packages, and what these import of this program, at any depth."""
     found: set[str] = set()
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        if name in found or path_of(name) is None:
-            continue
-        found.add(name)
-        waiting.append(name.rpartition(".")[0])
-        source = TYPES_ONLY.sub("", source_of(name).decode())
-        for package, names, plain in IMPORTS.findall(source):
-            waiting.append(package or plain)
-            waiting += [f"{package}.{each}" for each in re.findall(r"\w+", names)]
+        if name not in found and path_of(name) is not None:
+            found.add(name)
+            waiting += named_in(name)
     return frozenset(found)
+
+
+@cache
+def named_in(module: str) -> frozenset[str]:
+    """The package of a module, and every name that it imports: a module's or not."""
+    names = {module.rpartition(".")[0]}
+    source = TYPES_ONLY.sub("", source_of(module).decode())
+    for package, imported, plain in IMPORTS.findall(source):
+        names.add(package or plain)
+        names.update(f"{package}.{each}" for each in re.findall(r"\w+", imported))
+    return frozenset(names)
 
 
 def source_of(module: str) -> bytes:
@@ -79,7 +85,7 @@ def source_of(module: str) -> bytes:
     return b"" if path is None else path.read_bytes()
 
 
-@lru_cache
+@cache
 def path_of(module: str) -> Path | None:
     """The file of a module of this program; None where there is no such module."""
     package, *parts = module.split(".")
