@@ -2,8 +2,8 @@
 
 import os
 
-MOST_PIXELS = 2**28
-"""Of one image, some 268 megapixels: more than cameras have, and 2 GB while it is decoded."""
+MOST_PIXELS = 200_000_000
+"""Of one image: as many as cameras have, and 2 GB at most while it is decoded."""
 
 # OpenCV reads its limit when it is loaded, and no module of ours loads it before this one.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MOST_PIXELS))

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError, describe_error
 
 
@@ -16,8 +17,10 @@ def read_image(path: Path, flags: int = cv2.IMREAD_GRAYSCALE) -> np.ndarray | No
         flags: As of `cv2.imdecode`.
     """
     try:
-        content = np.fromfile(path, dtype=np.uint8)
-        return cv2.imdecode(content, flags) if len(content) else None
+        content = path.read_bytes()
+        if not content or takes_too_much(content):
+            return None
+        return cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except (OSError, cv2.error):
         return None
 

@@ -4,25 +4,65 @@ from typing import Any
 
 import yaml
 
+from geometry.json_text import LARGEST_INT
+
+LONGEST = 2**18
+"""Characters of a text, some 6 CPU s; ours have some thousand."""
 MOST_VALUES = 1_000_000
 """A text says no more, counted as if each alias were written out; ours say some hundred."""
+MERGE = "tag:yaml.org,2002:merge"
 
 
 def parse_yaml(text: str | bytes) -> Any:
     """What a YAML text says.
 
     Raises:
-        yaml.YAMLError: It is not YAML, or its nesting or aliases unfold without end.
+        yaml.YAMLError: It is not YAML or very long, its nesting or aliases unfold without end, it
+            merges mappings (`<<`), or holds a number in base 60 or one that no array holds.
     """
+    if len(text) > LONGEST:
+        raise yaml.YAMLError(f"{len(text)} characters, at most {LONGEST} are read")
     try:
-        content = yaml.safe_load(text)
+        content = yaml.load(text, PlainLoader)
         if _count_values(content, {}) <= MOST_VALUES:
             return content
     except RecursionError:
         raise yaml.YAMLError("nested too deeply") from None
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise yaml.YAMLError(" ".join(str(error).split())) from error
     raise yaml.YAMLError("its aliases unfold to too many values")
+
+
+class PlainLoader(yaml.SafeLoader):
+    """A SafeLoader without what takes a time that grows faster than the text."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Merges of merges double the mapping with every line."""
+        if any(key.tag == MERGE for key, _ in node.value):
+            raise yaml.YAMLError("merges of mappings (<<) are not read; write the values out")
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """A whole number; in base 60 its digits take the square of their number in time."""
+        text = self.construct_scalar(node)
+        _refuse_base_60(text)
+        number = int(super().construct_yaml_int(node))
+        if abs(number) > LARGEST_INT:
+            raise yaml.YAMLError(f"a whole number of {len(text)} digits")
+        return number
+
+    def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
+        """A number, not in base 60."""
+        _refuse_base_60(self.construct_scalar(node))
+        return float(super().construct_yaml_float(node))
+
+
+PlainLoader.add_constructor("tag:yaml.org,2002:int", PlainLoader.construct_yaml_int)
+PlainLoader.add_constructor("tag:yaml.org,2002:float", PlainLoader.construct_yaml_float)
+
+
+def _refuse_base_60(text: str) -> None:
+    if ":" in text:
+        raise yaml.YAMLError(f'{text[:20]} would be a number in base 60; write "{text[:20]}"')
 
 
 def _count_values(value: Any, known: dict[int, int]) -> int:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from geometry import MOST_PIXELS
 from geometry.arrays import GreyImage
+from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError
 from geometry.stretch import GREYS, Stretch
 from locate.messages.stamps import NS_PER_S
@@ -178,6 +179,8 @@ def decompress_image(message: CompressedImageMessage) -> NDArray[np.uint8] | NDA
     coded = any(name in message.format.lower() for name in _VIDEO_FORMATS)
     if coded or data[:4].tobytes().startswith(_START_CODES):
         raise BadInputError(f"format {message.format!r}: {VIDEO_ADVICE}")
+    if takes_too_much(data.tobytes()):
+        raise BadInputError("compressed image is too large")
     try:
         image = (
             cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if len(data) else None

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry import MOST_PIXELS
+from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError
 from locate.recording.formats import READ, TOO_LARGE, PhotoKind, kind_of_photo
 
@@ -64,7 +65,9 @@ def photo_size(path: Path, *, reduced: bool = False) -> tuple[int, int] | None:
         kind = kind_of_photo(path, content)
         if kind is PhotoKind.PLAIN:
             mode = cv2.IMREAD_REDUCED_GRAYSCALE_8 if reduced else cv2.IMREAD_GRAYSCALE
-            image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if content else None
+            if not content or takes_too_much(content):
+                return None
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), mode)
             factor = 8 if reduced else 1
             return None if image is None else (image.shape[1] * factor, image.shape[0] * factor)
         with _one_line(path, kind):
@@ -84,6 +87,8 @@ def heif_exif(path: Path) -> bytes:
 
 
 def _decode_plain(path: Path, content: bytes) -> NDArray[Any]:
+    if takes_too_much(content):
+        raise BadInputError(f"{path}: {TOO_LARGE}")
     try:
         given = np.frombuffer(content, dtype=np.uint8)
         image = cv2.imdecode(given, cv2.IMREAD_ANYDEPTH) if content else None

@@ -5,6 +5,7 @@ from enum import Enum
 from pathlib import Path
 
 from geometry import MOST_PIXELS
+from geometry.decoded_size import MOST_DECODED_BYTES
 
 HEIF_SUFFIXES = frozenset({".heic", ".heif", ".hif"})
 RAW_SUFFIXES = frozenset(
@@ -16,7 +17,10 @@ DEEP_SUFFIXES = HEIF_SUFFIXES | RAW_SUFFIXES | {".png", ".tif", ".tiff", ".jp2",
 PHOTO_SUFFIXES = DEEP_SUFFIXES | {".jpg", ".jpeg", ".webp", ".bmp"}
 READ = "JPEG, PNG, TIFF, WebP, BMP, JPEG 2000, AVIF, HEIC or raw"
 """The formats that are read, for messages."""
-TOO_LARGE = f"over {MOST_PIXELS // 10**6} megapixels; cut or reduce it"
+TOO_LARGE = (
+    f"over {MOST_PIXELS // 10**6} megapixels, or over {MOST_DECODED_BYTES // 2**30} GiB while it "
+    "is decoded; cut or reduce it"
+)
 """Why an image, or the frames of a video, are not read."""
 
 _HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})

@@ -1,7 +1,6 @@
 """The photos of a folder, told from the other things that lie there."""
 
 import re
-import struct
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from locate.recording.formats import (
     PhotoKind,
     kind_of_photo,
 )
+from locate.recording.tiff_pages import TiffPages
 
 MUCH_SMALLER = 0.5
 """Of the bytes and of the longest side of the usual photo, below which one is a thumbnail."""
@@ -25,8 +25,6 @@ NOT_INSTALLED = ", extra not installed"
 """After the kind of a photo that only an extra reads."""
 HEAD_BYTES = 64 * 1024
 """Of a TIFF file, in which its first directory stands that tells a raw photo."""
-MAX_PAGES = 100_000
-"""Of a TIFF; beyond, its chain of pages is taken for a ring."""
 
 
 def list_photos(folder: Path) -> tuple[tuple[Path, ...], list[str]]:
@@ -69,39 +67,18 @@ def note_further_pages(photos: Sequence[Path]) -> list[str]:
         return []
     first = several[0]
     return [
-        f"only the first page of {len(several)} TIFF files is read (of the {count_pages(first)} of "
-        f"{first.name}); give a file alone to read its pages as a video"
+        f"only the first page of {len(several)} TIFF files is read (of the "
+        f"{len(TiffPages.of(first))} of {first.name}); give a file alone to read its pages as a "
+        "video"
     ]
 
 
 def is_stack(path: Path) -> bool:
     """Whether a file is a TIFF of several pages, and no raw photo."""
-    if path.suffix[:4].lower() != ".tif" or count_pages(path) < 2:
+    if path.suffix[:4].lower() != ".tif" or len(TiffPages.of(path)) < 2:
         return False
     with path.open("rb") as file:
         return kind_of_photo(path, file.read(HEAD_BYTES)) is PhotoKind.PLAIN
-
-
-def count_pages(path: Path) -> int:
-    """How many pictures a TIFF file holds; 0 where it is none."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-            order = {b"II": "<", b"MM": ">"}[head[:2]]
-            (version,) = struct.unpack(order + "H", head[2:4])
-            wide = version == 43  # BigTIFF
-            number, entry, offset = ("Q", 20, "Q") if wide else ("H", 12, "I")
-            (position,) = struct.unpack_from(order + offset, head, 8 if wide else 4)
-            count = 0
-            while position and count < MAX_PAGES:
-                file.seek(position)
-                (tags,) = struct.unpack(order + number, file.read(struct.calcsize(number)))
-                file.seek(tags * entry, 1)
-                (position,) = struct.unpack(order + offset, file.read(struct.calcsize(offset)))
-                count += 1
-    except (OSError, KeyError, OverflowError, struct.error):
-        return 0
-    return count
 
 
 def _kind_of(entry: Path) -> str:

@@ -15,7 +15,7 @@ from geometry.stretch import Stretch
 from locate.recording.decoders import reason_of
 from locate.recording.depth import spread_rows
 from locate.recording.images import check_depth, show_in_grey
-from locate.recording.photo_folder import count_pages
+from locate.recording.tiff_pages import TiffPages
 from locate.recording.video import NamedImage
 
 PAGE_RATE = 25.0
@@ -31,7 +31,8 @@ class TiffStack:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.count = count_pages(path)
+        self._pages = TiffPages.of(path)
+        self.count = len(self._pages)
 
     @cached_property
     def stretch(self) -> Stretch | None:
@@ -70,11 +71,12 @@ class TiffStack:
             raise BadInputError(f"{self._path}: cannot be read ({error.strerror})") from error
 
     def _read_page(self, row: int) -> NDArray[Any]:
+        self._pages.keep_only(self._content, row)
         flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
         try:
-            read, pages = cv2.imdecodemulti(self._content, flags, range=(row, row + 1))
+            page = cv2.imdecode(self._content, flags)
         except cv2.error as error:
             raise BadInputError(f"{self._path}: page {row + 1}: {reason_of(error)}") from error
-        if not read or not pages:
+        if page is None:
             raise BadInputError(f"{self._path}: page {row + 1} of {self.count} cannot be read")
-        return check_depth(self._path, np.asarray(pages[0]))
+        return check_depth(self._path, np.asarray(page))

@@ -10,6 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import av
+import cv2
 import numpy as np
 import pycolmap
 import pytest
@@ -17,6 +18,7 @@ import yaml
 
 from detect.detection import Detection
 from geometry.errors import BadInputError
+from geometry.image_files import read_image
 from geometry.json_text import parse_json
 from geometry.npz import read_npz, save_arrays
 from geometry.pose_files import read_poses, write_colmap_model, write_transforms_json
@@ -27,6 +29,8 @@ from locate.export.kml import write_kml
 from locate.pipeline.detections import load_response
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points
+from locate.recording.decoders import photo_size
+from locate.recording.images import read_grey
 from locate.recording.index import KeyFrames
 from locate.recording.recording import open_recording
 from locate.simulation.photo_set import PhotoSet
@@ -179,14 +183,14 @@ def test_a_colmap_model_that_breaks_after_it_was_read_is_refused(
         read_poses(tmp_path)
 
 
-def png(side: int) -> bytes:
+def png(side: int, bits: int = 8, colour: int = 0) -> bytes:
     """A black square, by its header; it holds fewer rows."""
 
     def chunk(kind: bytes, body: bytes) -> bytes:
         checked = kind + body
         return struct.pack(">I", len(body)) + checked + struct.pack(">I", zlib.crc32(checked))
 
-    head = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    head = struct.pack(">IIBBBBB", side, side, bits, colour, 0, 0, 0)
     rows = zlib.compress(bytes(100 * (side + 1)))
     start = b"\x89PNG\r\n\x1a\n"
     return start + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
@@ -197,8 +201,24 @@ def test_an_image_of_more_pixels_than_cameras_have_is_refused(tmp_path: Path) ->
     command = [sys.executable, "-m", "locate", "detect", str(tmp_path / "a.png"), "-o", "out"]
     said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert said.returncode == 2
-    assert "over 268 megapixels" in " ".join(said.stderr.split())
+    assert "over 200 megapixels" in " ".join(said.stderr.split())
     read_bounded(open_recording, tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jp2"])
+def test_an_image_of_too_many_deep_channels_is_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".png":
+        path.write_bytes(png(14_000, bits=16, colour=6))
+    else:
+        content = bytearray(cv2.imencode(".jp2", np.zeros((48, 64, 4), np.uint16))[1].tobytes())
+        size = content.index(b"\xff\x4f\xff\x51") + 8
+        struct.pack_into(">II", content, size, 14_000, 14_000)
+        path.write_bytes(content)
+    with pytest.raises(BadInputError, match="over 1 GiB while it is decoded"):
+        read_grey(path)
+    assert photo_size(path) is None
+    assert read_image(path) is None
 
 
 def test_a_video_of_more_pixels_than_cameras_have_is_refused(

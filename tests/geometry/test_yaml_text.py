@@ -16,10 +16,16 @@ UNFOLDING = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, LEVELS)
 )
 HOSTILE = {
-    "deep": b"[" * 100_000,
+    "deep": b"[" * 2_000,
     "unfolding": UNFOLDING.encode(),
     "in itself": b"&a [*a]",
     "date": b"a: 2020-99-99",
+    "merges": b"a0: &a0 {x: 1}\n"
+    + b"".join(b"a%d: &a%d {<<: [*a%d, *a%d]}\n" % (i, i, i - 1, i - 1) for i in range(1, 40)),
+    "base 60": b"a: " + b":".join([b"59"] * 80_000),
+    "base 60 with a point": b"a: " + b":".join([b"59"] * 80_000) + b".5",
+    "long": b"a: [" + b"{b: 1}, " * 100_000 + b"]",
+    "hexadecimal": b"a: 0x" + b"f" * 80_000,
     "no text": b"\xff\xfe\x00\x9f",
 }
 

@@ -14,7 +14,9 @@ from geometry.printable import printable
 from locate.pipeline.config import RunConfig
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.recording import KeyFrames, open_recording, select_frames
-from locate.recording.photo_folder import count_pages, list_photos
+from locate.recording.photo_folder import list_photos
+from locate.recording.stack import TiffStack
+from locate.recording.tiff_pages import TiffPages
 from locate.telemetry import read_telemetry
 from tests.locate.test_video import pan, write_photos
 
@@ -95,7 +97,7 @@ def test_further_pages_of_tiff_are_noted(tmp_path: Path) -> None:
     (note,) = open_recording(folder).warnings
     assert "first page of 1 TIFF files" in note
     assert "3 of img2.tif" in note
-    assert count_pages(folder / "img1.tif") == 1
+    assert len(TiffPages.of(folder / "img1.tif")) == 1
 
 
 @pytest.mark.parametrize("deep", [False, True])
@@ -125,11 +127,26 @@ def test_pages_of_damaged_and_circular_tiff_files_are_counted_in_finite_time(
 ) -> None:
     path = tmp_path / "a.tif"
     path.write_bytes(b"II*\0" + struct.pack("<IHI", 8, 0, 8))
-    assert count_pages(path) > 1
+    assert len(TiffPages.of(path)) == 1
+    path.write_bytes(b"II*\0" + struct.pack("<IHIHI", 8, 0, 14, 0, 8))
+    assert len(TiffPages.of(path)) == 2
     path.write_bytes(b"II*\0" + struct.pack("<I", 10_000))
-    assert count_pages(path) == 0
+    assert len(TiffPages.of(path)) == 0
     path.write_bytes(b"MM\0+" + struct.pack(">HHQQQ", 8, 0, 16, 0, 0))
-    assert count_pages(path) == 1
+    assert len(TiffPages.of(path)) == 1
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_every_page_of_a_long_tiff_is_read_in_its_order(tmp_path: Path, wide: bool) -> None:
+    path = tmp_path / "a.tif"
+    pages = np.arange(3000, dtype=np.uint16)[:, None, None] + np.zeros((2, 2), np.uint16)
+    with tifffile.TiffWriter(path, bigtiff=wide) as writer:
+        for page in pages:
+            writer.write(page, photometric="minisblack", metadata=None)
+    shown = [int(image[0, 0]) for _, _, image in TiffStack(path).read([])]
+    assert len(shown) == 3000
+    assert sorted(shown) == shown
+    assert len(set(shown)) > 100
 
 
 def test_photos_with_names_that_are_not_utf_8(tmp_path: Path) -> None:

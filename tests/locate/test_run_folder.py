@@ -444,7 +444,7 @@ def test_killed_at_its_first_file_the_folder_is_not_refused(tmp_path: Path) -> N
     assert not list(tmp_path.glob(".config*"))
 
 
-@pytest.mark.parametrize("content", [None, b"", b"\xff\x00", b"[" * 100_000])
+@pytest.mark.parametrize("content", [None, b"", b"\xff\x00", b"[" * 2_000])
 def test_a_lost_configuration_of_a_finished_run_is_written_anew(
     tmp_path: Path, content: bytes | None
 ) -> None:
