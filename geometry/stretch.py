@@ -1,15 +1,17 @@
-"""Samples of more than 8 bits, shown in 8 bits of grey: one scale for a whole recording."""
+"""Samples of more than 8 bits, or real numbers, in 8 bits of grey: one scale for a recording."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.arrays import GreyImage, IntArray
+from geometry.arrays import FloatArray, GreyImage, IntArray
 
+DeepSamples: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
+Samples: TypeAlias = NDArray[np.uint8] | DeepSamples
 VALUES = 1 << 16
 """Values that a sample of 16 bits can take."""
 GREYS = 256
@@ -28,39 +30,62 @@ CLIPPED = 0.01
 """Share of the samples outside the scale from which on it no longer fits an image (chosen)."""
 
 
+def as_samples(values: NDArray[Any]) -> Samples:
+    """The values of an image: 8 and 16 bits as they are, all others as real numbers."""
+    if values.dtype in (np.uint8, np.uint16):
+        return values
+    return values.astype(np.float32)
+
+
+def deep_samples(samples: Samples) -> DeepSamples | None:
+    """The samples where they need a stretch; None of 8 bits."""
+    if samples.dtype == np.uint8:
+        return None
+    if samples.dtype == np.uint16:
+        return samples.astype(np.uint16, copy=False)
+    return samples.astype(np.float32, copy=False)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stretch:
-    """A linear scale from samples of 16 bits to 8 bits of grey; what lies outside is cut.
+    """A linear scale from deep samples to 8 bits of grey; what lies outside is cut.
 
     Attributes:
         low: The value that becomes black.
         step: Values a grey level.
         frames: Number of frames it was chosen from.
+        real: The samples are real numbers, not of 16 bits.
     """
 
     low: float
     step: float
     frames: int = 1
+    real: bool = False
 
     @classmethod
-    def choose(
-        cls, images: Iterable[NDArray[np.uint16]], *, bits: int | None = None
-    ) -> Self | None:
+    def choose(cls, images: Iterable[DeepSamples], *, bits: int | None = None) -> Self | None:
         """The scale of a recording, from a spread of its frames; None without any.
 
         Frames that use their range, or show nothing at all, keep the highest 8 of their bits.
         Others are stretched from the 0.1 to the 99.9 per cent of all their samples; 0 and the
-        largest value of 16 bits, which often mark pixels without a value, do not count.
+        largest value of 16 bits, which often mark pixels without a value, do not count. Real
+        numbers are always stretched; those that are not finite do not count.
 
         Args:
             images: (H, W) samples.
             bits: In use; by default 10, 12, 14 or 16, by the largest value.
         """
         counts = np.zeros(VALUES, dtype=np.int64)
+        finite: list[FloatArray] = []
         frames = 0
         for image in images:
-            counts += np.bincount(image.ravel(), minlength=VALUES)
             frames += 1
+            if image.dtype == np.uint16:
+                counts += np.bincount(image.ravel(), minlength=VALUES)
+            else:
+                finite.append(image[np.isfinite(image)].astype(float))
+        if any(map(len, finite)):
+            return cls._of_real_numbers(np.concatenate(finite), frames)
         if not counts.any():
             return None
         largest = int(np.flatnonzero(counts)[-1])
@@ -70,6 +95,13 @@ class Stretch:
             return cls(low=0.0, step=float(1 << (bits - 8)), frames=frames)
         span = max((last - first) * (1 + 2 * MARGIN), FINEST_STEP * GREYS)
         return cls(low=(first + last - span) / 2, step=span / GREYS, frames=frames)
+
+    @classmethod
+    def _of_real_numbers(cls, values: FloatArray, frames: int) -> Self:
+        first, last = np.quantile(values, [TAIL, 1 - TAIL])
+        span = float(last - first) * (1 + 2 * MARGIN) or 1.0
+        low = float(first + last - span) / 2
+        return cls(low=low, step=span / GREYS, frames=frames, real=True)
 
     @property
     def high(self) -> float:
@@ -84,17 +116,29 @@ class Stretch:
     @property
     def note(self) -> str:
         """What was done, for the notes of a map."""
+        if self.real:
+            return (
+                f"samples are real numbers: {self.low:.5g} (black) to {self.high:.5g} (white) are "
+                f"shown in 8 bits of grey in every frame, chosen from {self.frames} of them"
+            )
         return (
             f"samples of more than 8 bits: values from {max(self.low, 0):.0f} (black) to "
             f"{min(self.high, VALUES) - 1:.0f} (white) of {VALUES - 1} are shown in 8 bits of grey "
             f"in every frame, chosen from {self.frames} of them"
         )
 
-    def apply(self, image: NDArray[np.uint16]) -> GreyImage:
-        """The (H, W) image in 8 bits."""
-        return np.asarray(self._greys[image], dtype=np.uint8)
+    def apply(self, image: DeepSamples) -> GreyImage:
+        """The (H, W) image in 8 bits; what is no number is black."""
+        if image.dtype == np.uint16:
+            return np.asarray(self._greys[image], dtype=np.uint8)
+        values = np.floor((image.astype(float) - self.low) / self.step)
+        return np.nan_to_num(values).clip(0, GREYS - 1).astype(np.uint8)
 
-    def fits(self, image: NDArray[np.uint16]) -> bool:
+    def suits(self, samples: Samples) -> bool:
+        """Whether it is for samples of this kind."""
+        return samples.dtype == (np.float32 if self.real else np.uint16)
+
+    def fits(self, image: DeepSamples) -> bool:
         """Whether next to nothing of the image lies outside the scale."""
         outside = (image < self.low) | (image >= self.high)
         return bool(outside.mean() <= CLIPPED)

@@ -20,9 +20,10 @@ IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 VIDEOS = (
     "foxglove_msgs/msg/CompressedVideo",
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
-    "theora_image_transport/msg/Packet",
 )
-"""Topics of coded video, whose messages are no images by themselves."""
+"""Topics of coded video, taken where there are no others."""
+UNREAD_VIDEOS = ("theora_image_transport/msg/Packet",)
+"""Topics of coded video that is not read."""
 INFO = "sensor_msgs/msg/CameraInfo"
 TF = "tf2_msgs/msg/TFMessage"
 OLD_TF = "tf/msg/tfMessage"
@@ -44,7 +45,7 @@ class TopicChoice:
     """Which topics of a bag are used; None takes the only one that fits.
 
     Attributes:
-        image: Of `Image` or `CompressedImage`.
+        image: Of `Image`, `CompressedImage`, `CompressedVideo` or `FFMPEGPacket`.
         camera_info: Of `CameraInfo`; if there are several, the one beside the images.
         pose: Of `Odometry`, `PoseWithCovarianceStamped` or `PoseStamped`; ``"tf"`` takes TF.
     """
@@ -99,7 +100,7 @@ class BagTopics:
         self._reader = reader
         self._path = path
         self._whole = whole
-        self.image = self._choose_topic(topics.image, IMAGES, "--image-topic")
+        self.image = self._choose_images(topics.image)
         beside = self.image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
         near = beside if beside in reader.topics else None
         self.info = self._choose_optional(topics.camera_info or near, (INFO,), "--info-topic")
@@ -117,16 +118,18 @@ class BagTopics:
             return wanted
         if wanted is None and len(fitting) == 1:
             return fitting[0]
-        if kinds == IMAGES:
-            self._refuse_coded_video(wanted, fitting)
         what = "holds no such topic" if not fitting else f"choose one of {', '.join(fitting)}"
         asked = "" if wanted is None else f" {wanted}"
         raise BadInputError(f"{self._path}: {option}{asked}: {what}")
 
-    def _refuse_coded_video(self, wanted: str | None, fitting: list[str]) -> None:
-        coded = self._topics_of(VIDEOS)
-        if wanted in coded or (coded and not fitting):
-            raise BadInputError(f"{self._path}: {wanted or coded[0]}: {VIDEO_ADVICE}")
+    def _choose_images(self, wanted: str | None) -> str:
+        pictures, videos = self._topics_of(IMAGES), self._topics_of(VIDEOS)
+        unread = self._topics_of(UNREAD_VIDEOS)
+        if wanted in unread or (unread and not pictures and not videos):
+            raise BadInputError(f"{self._path}: {wanted or unread[0]}: {VIDEO_ADVICE}")
+        is_coded = wanted in videos or not pictures
+        kinds = VIDEOS if is_coded and videos else IMAGES
+        return self._choose_topic(wanted, kinds, "--image-topic")
 
     def _choose_optional(
         self, wanted: str | None, kinds: tuple[str, ...], option: str

@@ -3,7 +3,7 @@
 Messages are taken by their fields, so those of rclpy, rosbags and cyclonedds all serve.
 """
 
-import re
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import cv2
@@ -14,20 +14,18 @@ from geometry import MOST_PIXELS
 from geometry.arrays import GreyImage
 from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError
-from geometry.stretch import GREYS, Stretch
+from geometry.stretch import GREYS, DeepSamples, Samples, Stretch, as_samples, deep_samples
 from locate.messages.stamps import NS_PER_S
 
 KEPT_STEP = 4
 """Of an image that set the scale of a live stream, one pixel of so many a side is kept."""
 VIDEO_ADVICE = (
-    "coded video (H.264, H.265, ...) in messages is not read; republish it as raw or JPEG images "
-    "and record these, or export the video to a file and give that"
+    "coded video whose messages do not name H.264, H.265, VP8, VP9 or AV1 is not read; republish "
+    "it as raw or JPEG images and record these, or export the video to a file and give that"
 )
-FLOAT_ADVICE = (
-    "is no picture but floating-point or signed values (depth, temperature); convert the topic to "
-    "mono16 with one scale for all images and record again"
+ENCODINGS = (
+    "mono8, mono16, 32FC1, bgr8, rgb8, bgra8, rgba8, bayer_*, yuv422, yuyv, uyvy, nv12, nv21, nv24"
 )
-ENCODINGS = "mono8, mono16, bgr8, rgb8, bgra8, rgba8, bayer_*, yuv422, yuyv, uyvy, nv12, nv21, nv24"
 """What is read, for messages."""
 
 _COLOURS = {
@@ -43,9 +41,10 @@ _MOSAICS = {
     "bayer_grbg": cv2.COLOR_BayerGRBG2GRAY,
 }
 _RAW = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "16UC1": "mono16", "16UC3": "bgr16"}
+_NUMBERS = {"32FC1": "f4", "64FC1": "f8", "8SC1": "i1", "16SC1": "i2", "32SC1": "i4"}
+"""Encodings of temperatures and other real numbers, and numpy's names of them."""
 _PLANES = {"nv12": (3, 2), "nv21": (3, 2), "nv24": (3, 1)}
 """Rows of bytes over rows of the picture, where the luma comes first as a plane of its own."""
-_VIDEO_FORMATS = ("h264", "h265", "hevc", "avc", "av1", "vp8", "vp9", "theora", "mpeg4")
 _START_CODES = (b"\0\0\0\1", b"\0\0\1")
 """With which a message of coded video begins."""
 _LUMA_FIRST = {
@@ -83,6 +82,20 @@ class CompressedImageMessage(Protocol):
     data: Any
 
 
+@dataclass
+class _Header:
+    stamp: Any
+    frame_id: str
+
+
+def header_of(message: Any) -> MessageHeader:
+    """The header of an image message; `CompressedVideo` has its fields beside the others."""
+    if hasattr(message, "header"):
+        header: MessageHeader = message.header
+        return header
+    return _Header(stamp=message.timestamp, frame_id=message.frame_id)
+
+
 def read_stamp_ns(header: MessageHeader) -> int:
     """The stamp of a header, ns; the fields of ROS 2 and ROS 1 differ in name."""
     stamp = header.stamp
@@ -94,7 +107,7 @@ def read_stamp_ns(header: MessageHeader) -> int:
 class GreyReader:
     """Reads the image messages of one stream in grey.
 
-    16-bit samples are shown on one scale, so that the brightness does not flicker from frame to
+    Deep samples are shown on one scale, so that the brightness does not flicker from frame to
     frame. That of a live stream is chosen from its first image, and widened when one no longer
     fits it.
 
@@ -105,7 +118,7 @@ class GreyReader:
     def __init__(self, stretch: Stretch | None = None) -> None:
         self._stretch = stretch
         self._is_live = stretch is None
-        self._set_by: list[NDArray[np.uint16]] = []
+        self._set_by: list[DeepSamples] = []
 
     def read(self, message: Any) -> GreyImage:
         """The (H, W) uint8 image of an `Image` or a `CompressedImage`.
@@ -114,60 +127,66 @@ class GreyReader:
             BadInputError: The encoding is not known, or the data is not what the header says.
         """
         samples = read_samples(message)
-        if samples.dtype == np.uint8:
+        deep = deep_samples(samples)
+        if deep is None:
             return np.ascontiguousarray(samples, dtype=np.uint8)
-        return self._in_8_bits(samples.astype(np.uint16, copy=False))
+        return self._in_8_bits(deep)
 
-    def _in_8_bits(self, image: NDArray[np.uint16]) -> GreyImage:
+    def _in_8_bits(self, image: DeepSamples) -> GreyImage:
         if self._stretch is not None and (not self._is_live or self._stretch.fits(image)):
             return self._stretch.apply(image)
         kept = image if image.size < GREYS else image[::KEPT_STEP, ::KEPT_STEP]
         stretch = Stretch.choose([*self._set_by, kept])
-        assert stretch is not None
-        if image.min() < image.max():  # a plain image says nothing of the next
+        if stretch is None:  # no value is a number
+            return np.zeros(image.shape, np.uint8)
+        if float(np.nanmin(image)) < float(np.nanmax(image)):  # a plain image says nothing of the next
             self._set_by.append(kept)
             self._stretch = stretch
         return stretch.apply(image)
 
 
-def read_samples(message: Any) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """The (H, W) grey samples of an `Image` or a `CompressedImage`, uint8 or native uint16.
+def read_samples(message: Any) -> Samples:
+    """The (H, W) grey samples of an `Image` or a `CompressedImage`.
 
     Raises:
         BadInputError: See `GreyReader.read`.
     """
-    return decompress_image(message) if hasattr(message, "format") else unpack_image(message)
+    if hasattr(message, "step"):
+        return unpack_image(message)
+    if hasattr(message, "format"):
+        return decompress_image(message)
+    raise BadInputError(f"format {message.encoding!r}: {VIDEO_ADVICE}")
 
 
-def unpack_image(message: ImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """The (H, W) grey samples of an uncompressed image, uint8 or native uint16.
+def unpack_image(message: ImageMessage) -> Samples:
+    """The (H, W) grey samples of an uncompressed image.
 
     Raises:
         BadInputError: See `GreyReader.read`.
     """
     encoding = _RAW.get(message.encoding, message.encoding)
+    if encoding in _NUMBERS:
+        return as_samples(_unpack_rows(message, 1, _NUMBERS[encoding])[..., 0])
     if encoding in _LUMA_FIRST:
-        pairs = _unpack_rows(message, channels=2, bits=8)
+        pairs = _unpack_rows(message, 2, "u1")
         return np.ascontiguousarray(pairs[..., 0 if _LUMA_FIRST[encoding] else 1])
     if encoding in _PLANES:
         return _unpack_luma_plane(message, *_PLANES[encoding])
-    kind, bits = _split_encoding(encoding)
+    kind, sample = _split_encoding(encoding)
     if kind == "mono":
-        return _unpack_rows(message, channels=1, bits=bits)[..., 0]
+        return _unpack_rows(message, 1, sample)[..., 0]
     if kind in _MOSAICS:
-        mosaic = np.ascontiguousarray(_unpack_rows(message, channels=1, bits=bits)[..., 0])
+        mosaic = np.ascontiguousarray(_unpack_rows(message, 1, sample)[..., 0])
         if min(mosaic.shape) < 4:
             raise BadInputError(f"image of {mosaic.shape} is too small for {encoding}")
         return np.asarray(cv2.cvtColor(mosaic, _MOSAICS[kind]))
     if kind in _COLOURS:
-        colours = np.ascontiguousarray(_unpack_rows(message, channels=len(kind), bits=bits))
+        colours = np.ascontiguousarray(_unpack_rows(message, len(kind), sample))
         return np.asarray(cv2.cvtColor(colours, _COLOURS[kind]))
-    if re.fullmatch(r"(32|64)FC\d+|(8|16|32)SC\d+", encoding):
-        raise BadInputError(f"image encoding {encoding} {FLOAT_ADVICE}")
     raise BadInputError(f"image encoding {encoding!r} is not supported, only {ENCODINGS}")
 
 
-def decompress_image(message: CompressedImageMessage) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def decompress_image(message: CompressedImageMessage) -> Samples:
     """The (H, W) grey samples of a JPEG or PNG message.
 
     Raises:
@@ -176,8 +195,7 @@ def decompress_image(message: CompressedImageMessage) -> NDArray[np.uint8] | NDA
     if "compresseddepth" in message.format.lower():
         raise BadInputError("compressed depth is no picture; give the topic of a camera")
     data = _as_bytes(message.data)
-    coded = any(name in message.format.lower() for name in _VIDEO_FORMATS)
-    if coded or data[:4].tobytes().startswith(_START_CODES):
+    if data[:4].tobytes().startswith(_START_CODES):
         raise BadInputError(f"format {message.format!r}: {VIDEO_ADVICE}")
     if takes_too_much(data.tobytes()):
         raise BadInputError("compressed image is too large")
@@ -204,20 +222,21 @@ def _unpack_luma_plane(message: ImageMessage, parts: int, luma: int) -> NDArray[
     """
     height, step, size = int(message.height), int(message.step), len(message.data)
     if size >= step * height * parts // luma:
-        return _unpack_rows(message, channels=1, bits=8)[..., 0]
+        return _unpack_rows(message, 1, "u1")[..., 0]
     if height % parts:
         raise BadInputError(
             f"image of {message.width}x{height} px {message.encoding} needs "
             f"{step * height * parts // luma} bytes: data {size} bytes"
         )
-    return _unpack_rows(message, channels=1, bits=8)[: height * luma // parts, :, 0]
+    return _unpack_rows(message, 1, "u1")[: height * luma // parts, :, 0]
 
 
-def _split_encoding(encoding: str) -> tuple[str, int]:
-    for bits in (16, 8):
-        if encoding.endswith(str(bits)):
-            return encoding.removesuffix(str(bits)), bits
-    return encoding, 8
+def _split_encoding(encoding: str) -> tuple[str, str]:
+    """Its kind, and numpy's name of its samples."""
+    for bits, sample in (("16", "u2"), ("8", "u1")):
+        if encoding.endswith(bits):
+            return encoding.removesuffix(bits), sample
+    return encoding, "u1"
 
 
 def _as_bytes(data: Any) -> NDArray[np.uint8]:
@@ -226,10 +245,17 @@ def _as_bytes(data: Any) -> NDArray[np.uint8]:
     return np.frombuffer(data, dtype=np.uint8)
 
 
-def _unpack_rows(message: ImageMessage, *, channels: int, bits: int) -> NDArray[Any]:
-    """(H, W, channels) samples without the padding of the rows, in the machine's byte order."""
+def _unpack_rows(message: ImageMessage, channels: int, sample: str) -> NDArray[Any]:
+    """(H, W, channels) samples without the padding of the rows, in the machine's byte order.
+
+    Args:
+        message: The image.
+        channels: Samples a pixel.
+        sample: Numpy's name of their type.
+    """
     height, width, step = int(message.height), int(message.width), int(message.step)
-    row_bytes = width * channels * (bits // 8)
+    kind = np.dtype(sample).newbyteorder(">" if message.is_bigendian else "<")
+    row_bytes = width * channels * kind.itemsize
     data = _as_bytes(message.data)
     if height <= 0 or width <= 0 or height * width > MOST_PIXELS:
         raise BadInputError(f"image of {width}x{height} px has no usable size")
@@ -241,8 +267,7 @@ def _unpack_rows(message: ImageMessage, *, channels: int, bits: int) -> NDArray[
     rows = np.lib.stride_tricks.as_strided(
         data, shape=(height, row_bytes), strides=(step, 1), writeable=False
     )
-    if bits == 8:
-        return rows.reshape(height, width, channels)
-    order = ">u2" if message.is_bigendian else "<u2"
-    samples = np.ascontiguousarray(rows).view(order).astype(np.uint16)
+    if kind.itemsize == 1:
+        return rows.view(kind).reshape(height, width, channels)
+    samples = np.ascontiguousarray(rows).view(kind).astype(sample)
     return samples.reshape(height, width, channels)

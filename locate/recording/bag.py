@@ -11,6 +11,7 @@ from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.camera_info import camera_from_info, is_calibrated
+from locate.messages.codec import header_of
 from locate.messages.poses import PoseBuffer, StampedPose, trajectory_from_poses
 from locate.messages.stamps import NS_PER_S
 from locate.messages.wiring import PoseResolver, Wiring
@@ -145,7 +146,7 @@ class _PoseSearch:
         ):
             if topic == topics.image:
                 self._pose_resolver.camera_frame = (
-                    self._pose_resolver.camera_frame or message.header.frame_id
+                    self._pose_resolver.camera_frame or header_of(message).frame_id
                 )
                 self._waiting.append(self._images.stamp_ns(message, time_ns))
             elif topic in transforms:

@@ -8,16 +8,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
-from geometry.stretch import Stretch
+from geometry.stretch import DeepSamples, Stretch, deep_samples
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
-from locate.messages.codec import GreyReader, read_samples, read_stamp_ns
+from locate.messages.codec import header_of, read_samples, read_stamp_ns
+from locate.messages.image_stream import ImageStream, StampedImage, decoder_of
 from locate.messages.stamps import NS_PER_S
 from locate.recording.depth import SAMPLED
 from locate.recording.video import NamedImage
+
+NO_PICTURE = "coded video without a key frame before it, or damaged since the last one"
+"""Why messages of coded video give no picture."""
+
+
+GAP = 1.75
+"""Time between two messages, over the usual one, from which on some may be missing; chosen."""
 
 
 class BagImages:
@@ -34,7 +41,7 @@ class BagImages:
 
     @cached_property
     def stretch(self) -> Stretch | None:
-        """How samples of 16 bits are shown; None where all images that were looked at have 8."""
+        """How deep samples are shown; None where all images that were looked at have 8 bits."""
         with open_bag(self._path) as reader:
             topics = BagTopics(reader, self._path, self._topics, whole=False)
             return Stretch.choose(_deep_samples(topics.sample_messages(topics.image, SAMPLED)))
@@ -45,12 +52,12 @@ class BagImages:
         with open_bag(self._path) as reader:
             topics = BagTopics(reader, self._path, self._topics, whole=False)
             messages = topics.read_messages([topics.image], lambda *_: None)
-            stamps = [read_stamp_ns(m.header) for _, _, m in islice(messages, SAMPLED)]
+            stamps = [read_stamp_ns(header_of(m)) for _, _, m in islice(messages, SAMPLED)]
         return 2 * len(set(stamps)) > len(stamps) or len(stamps) < 2
 
     def stamp_ns(self, message: Any, time_ns: int) -> int:
         """When an image was taken, ns; when it was recorded, where the images are not stamped."""
-        return read_stamp_ns(message.header) if self.has_stamps else time_ns
+        return read_stamp_ns(header_of(message)) if self.has_stamps else time_ns
 
     def read_first(self) -> GreyImage:
         """The first image that can be read.
@@ -66,28 +73,30 @@ class BagImages:
 
     def read(self, warnings: list[str]) -> Iterator[NamedImage]:
         """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""
-        grey = GreyReader(self.stretch)
         left_out: Counter[str] = Counter()
-        start_ns: int | None = None
-        read = 0
+        stamps: list[int] = []
+        for stamp, image in self._read_stamped(left_out):
+            stamps.append(stamp)
+            yield (stamp - stamps[0]) / NS_PER_S, str(stamp), image
+        self._add_notes(warnings, left_out, stamps)
+
+    def _read_stamped(self, left_out: Counter[str]) -> Iterator[StampedImage]:
+        stream = ImageStream(self.stretch)
         with open_bag(self._path) as reader:
             topics = BagTopics(reader, self._path, self._topics, whole=False)
             for _, time_ns, message in topics.read_messages(
                 [topics.image], lambda _, error: left_out.update([str(error)])
             ):
                 try:
-                    image = grey.read(message)
+                    yield from stream.read(message, self.stamp_ns(message, time_ns))
                 except BadInputError as error:
                     left_out[str(error)] += 1
-                    continue
-                read += 1
-                stamp = self.stamp_ns(message, time_ns)
-                start_ns = stamp if start_ns is None else start_ns
-                yield (stamp - start_ns) / NS_PER_S, str(stamp), image
-        self._add_notes(warnings, left_out, read)
+        yield from stream.finish()
+        if stream.pictureless:
+            left_out[NO_PICTURE] += stream.pictureless
 
-    def _add_notes(self, warnings: list[str], left_out: Counter[str], read: int) -> None:
-        name, count = self._path.name, read + left_out.total()
+    def _add_notes(self, warnings: list[str], left_out: Counter[str], stamps: list[int]) -> None:
+        name, count = self._path.name, len(stamps) + left_out.total()
         notes = [
             f"{name}: {times} of {count} images cannot be read: {reason}"
             for reason, times in left_out.most_common()
@@ -97,14 +106,35 @@ class BagImages:
                 f"{name}: the stamps of the images do not tell them apart (all zero, or one for "
                 "many): the times at which they were recorded are taken"
             )
+        gaps = _count_gaps(stamps) if self._is_coded else 0
+        if gaps:
+            notes.append(
+                f"{name}: {gaps} gaps between the messages of its coded video: where some were "
+                "lost, pictures are wrong up to the next key frame; look at the frames"
+            )
         warnings += [note for note in notes if note not in warnings]
 
+    @cached_property
+    def _is_coded(self) -> bool:
+        with open_bag(self._path) as reader:
+            topics = BagTopics(reader, self._path, self._topics, whole=False)
+            messages = topics.sample_messages(topics.image, 1)
+            return any(decoder_of(message) is not None for message in messages)
 
-def _deep_samples(messages: Iterator[Any]) -> Iterator[NDArray[np.uint16]]:
+
+def _count_gaps(stamps: list[int]) -> int:
+    """How many stamps come much later than usual after the one before."""
+    steps = np.diff(stamps)
+    return int(np.count_nonzero(steps > GAP * np.median(steps))) if len(steps) else 0
+
+
+def _deep_samples(messages: Iterator[Any]) -> Iterator[DeepSamples]:
     for message in messages:
+        if decoder_of(message) is not None:
+            return
         try:
-            samples = read_samples(message)
+            samples = deep_samples(read_samples(message))
         except BadInputError:
             continue  # counted when it is read as a frame
-        if samples.dtype == np.uint16:
-            yield samples.astype(np.uint16, copy=False)
+        if samples is not None:
+            yield samples

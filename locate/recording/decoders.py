@@ -16,7 +16,7 @@ from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError
 from locate.recording.formats import READ, TOO_LARGE, PhotoKind, kind_of_photo
 
-EXTRAS = {PhotoKind.HEIF: ("pillow_heif", "heif"), PhotoKind.RAW: ("rawpy", "raw")}
+EXTRAS = {PhotoKind.HEIF: ("pi_heif", "heif"), PhotoKind.RAW: ("rawpy", "raw")}
 """Module and extra by which a kind is decoded."""
 _OTHERWISE = {
     PhotoKind.HEIF: "convert them to JPEG (heif-convert IN.heic OUT.jpg)",
@@ -116,9 +116,9 @@ def _heif_size(content: bytes) -> tuple[int, int]:
 
 
 def _open_heif(content: bytes) -> Any:
-    import pillow_heif
+    import pi_heif
 
-    return pillow_heif.open_heif(BytesIO(content), convert_hdr_to_8bit=False)
+    return pi_heif.open_heif(BytesIO(content), convert_hdr_to_8bit=False)
 
 
 def _develop(path: Path, content: bytes) -> NDArray[Any]:

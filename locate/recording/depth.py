@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
-from geometry.stretch import MOST_BITS, Stretch
+from geometry.stretch import MOST_BITS, DeepSamples, Stretch, deep_samples
 from locate.recording.formats import DEEP_SUFFIXES
 from locate.recording.images import read_samples
 from locate.recording.streams import picture_stream
@@ -27,7 +27,7 @@ DEEP_GREY = "gray16le"
 
 
 def stretch_of_photos(paths: Sequence[Path]) -> Stretch | None:
-    """That of photos of 16 bits; None where all that were looked at have 8."""
+    """That of photos with deep samples; None where all that were looked at have 8 bits."""
     able = [path for path in paths if path.suffix.lower() in DEEP_SUFFIXES]
     return Stretch.choose(_deep_photos([able[row] for row in spread_rows(len(able))]))
 
@@ -50,14 +50,14 @@ def grey_of_frame(frame: av.VideoFrame, stretch: Stretch | None) -> GreyImage:
     return stretch.apply(_deep_grey(frame))
 
 
-def _deep_photos(paths: Sequence[Path]) -> Iterator[NDArray[np.uint16]]:
+def _deep_photos(paths: Sequence[Path]) -> Iterator[DeepSamples]:
     for path in paths:
         try:
-            samples = read_samples(path)
+            samples = deep_samples(read_samples(path))
         except BadInputError:
             continue  # said by name when it is read as a frame
-        if samples.dtype == np.uint16:
-            yield samples.astype(np.uint16, copy=False)
+        if samples is not None:
+            yield samples
 
 
 def _deep_video_frames(path: Path) -> Iterator[NDArray[np.uint16]]:

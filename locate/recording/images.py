@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import overload
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from geometry.arrays import FloatMap, GreyImage
 from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from geometry.stretch import Stretch
+from geometry.stretch import Samples, Stretch, as_samples, deep_samples
 from locate.recording.decoders import decode_samples
 
 CACHED = 24
@@ -29,7 +29,7 @@ class FrameImages(Sequence[GreyImage]):
     Args:
         paths: The files.
         camera: That took them; None where it is unknown, then nothing is undistorted.
-        stretch: Of their recording, for files of 16 bits.
+        stretch: Of their recording, for deep samples.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ def read_grey(path: Path, stretch: Stretch | None = None) -> GreyImage:
 
     Args:
         path: The file.
-        stretch: Of the recording, for samples of 16 bits; without one it is chosen from the file.
+        stretch: Of the recording, for deep samples; without one it is chosen from the file.
 
     Raises:
         BadInputError: See `read_samples`.
@@ -84,40 +84,26 @@ def read_grey(path: Path, stretch: Stretch | None = None) -> GreyImage:
     return show_in_grey(read_samples(path), stretch)
 
 
-def show_in_grey(
-    samples: NDArray[np.uint8] | NDArray[np.uint16], stretch: Stretch | None = None
-) -> GreyImage:
+def show_in_grey(samples: Samples, stretch: Stretch | None = None) -> GreyImage:
     """The (H, W) image of 8 bits that `read_grey` gives of these samples."""
-    if samples.dtype == np.uint8:
+    deep = deep_samples(samples)
+    if deep is None:
         return np.asarray(samples, dtype=np.uint8)
-    deep = samples.astype(np.uint16, copy=False)
     scale = stretch or Stretch.choose([deep])
-    assert scale is not None
-    return scale.apply(deep)
+    return np.zeros(deep.shape, np.uint8) if scale is None else scale.apply(deep)
 
 
-def read_samples(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def read_samples(path: Path) -> Samples:
     """The (H, W) samples of an image file in grey, as deep as they are stored.
 
     Raises:
-        BadInputError: The file cannot be read, or its samples are not of 8 or 16 bits.
+        BadInputError: The file cannot be read.
     """
     try:
         content = path.read_bytes()
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read ({error})") from error
-    return check_depth(path, decode_samples(path, content))
-
-
-def check_depth(path: Path, samples: NDArray[Any]) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """The samples of an image file.
-
-    Raises:
-        BadInputError: They are not of 8 or 16 bits.
-    """
-    if samples.dtype not in (np.uint8, np.uint16):
-        raise BadInputError(f"{path}: samples are {samples.dtype}; save it with 8 or 16 bits")
-    return samples
+    return as_samples(decode_samples(path, content))
 
 
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:

@@ -228,7 +228,7 @@ def _photo_images(
     others = 0
     for index, path in enumerate(paths):
         samples = read_samples(path)
-        others += (samples.dtype == np.uint16) != (stretch is not None)
+        others += samples.dtype != np.uint8 if stretch is None else not stretch.suits(samples)
         yield float(index), path.name, show_in_grey(samples, stretch)
     if others:
         note = (

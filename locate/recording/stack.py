@@ -4,17 +4,16 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import BadInputError
-from geometry.stretch import Stretch
+from geometry.stretch import Samples, Stretch, as_samples, deep_samples
 from locate.recording.decoders import reason_of
 from locate.recording.depth import spread_rows
-from locate.recording.images import check_depth, show_in_grey
+from locate.recording.images import show_in_grey
 from locate.recording.tiff_pages import TiffPages
 from locate.recording.video import NamedImage
 
@@ -36,10 +35,9 @@ class TiffStack:
 
     @cached_property
     def stretch(self) -> Stretch | None:
-        """How pages of 16 bits are shown; None where all that were looked at have 8."""
-        pages = (self._read_page(row) for row in spread_rows(self.count))
-        deep = (page.astype(np.uint16, copy=False) for page in pages if page.dtype == np.uint16)
-        return Stretch.choose(deep)
+        """How deep pages are shown; None where all that were looked at have 8 bits."""
+        pages = (deep_samples(self._read_page(row)) for row in spread_rows(self.count))
+        return Stretch.choose(page for page in pages if page is not None)
 
     def read(self, warnings: list[str]) -> Iterator[NamedImage]:
         """Time, name and image of every page of the size of the first.
@@ -70,7 +68,7 @@ class TiffStack:
         except OSError as error:
             raise BadInputError(f"{self._path}: cannot be read ({error.strerror})") from error
 
-    def _read_page(self, row: int) -> NDArray[Any]:
+    def _read_page(self, row: int) -> Samples:
         self._pages.keep_only(self._content, row)
         flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
         try:
@@ -79,4 +77,4 @@ class TiffStack:
             raise BadInputError(f"{self._path}: page {row + 1}: {reason_of(error)}") from error
         if page is None:
             raise BadInputError(f"{self._path}: page {row + 1} of {self.count} cannot be read")
-        return check_depth(self._path, np.asarray(page))
+        return as_samples(np.asarray(page))

@@ -8,7 +8,8 @@ from detect.detection import Detector
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.messages.camera_info import camera_from_info
-from locate.messages.codec import GreyReader, read_stamp_ns
+from locate.messages.codec import header_of, read_stamp_ns
+from locate.messages.image_stream import ImageStream
 from locate.messages.transforms import TransformTree
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.robot.locator import Locator
@@ -54,7 +55,7 @@ class MessageAdapter:
         self._detector = detector
         self._threaded = threaded
         self._on_refusal = on_refusal
-        self._reader = GreyReader()
+        self._images = ImageStream()
         self._pending: deque[int] = deque(maxlen=MOST_PENDING)
 
     @property
@@ -94,19 +95,18 @@ class MessageAdapter:
             )
 
     def add_image(self, message: Any) -> None:
-        """Takes an `Image` or a `CompressedImage`."""
+        """Takes an `Image`, a `CompressedImage` or a message of coded video."""
         try:
             if self.locator is None:
                 raise BadInputError("no camera_info yet")
-            image, stamp = self._reader.read(message), read_stamp_ns(message.header)
-            self._pose_resolver.camera_frame = (
-                self._pose_resolver.camera_frame or message.header.frame_id
-            )
-            self.locator.feed_image(image, stamp)
+            header = header_of(message)
+            self._pose_resolver.camera_frame = self._pose_resolver.camera_frame or header.frame_id
+            for stamp, image in self._images.read(message, read_stamp_ns(header)):
+                self.locator.feed_image(image, stamp)
+                self._pending.append(stamp)
         except BadInputError as error:
             self.count_refusal("image", error)
             return
-        self._pending.append(stamp)
         self._find_waiting_poses()
 
     def add_static_transforms(self, message: Any) -> None:

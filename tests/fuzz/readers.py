@@ -514,7 +514,7 @@ READERS: dict[str, Reader] = {
     },
     **{
         f"a{suffix}": Reader(f"a{suffix}", partial(_write_by_extra, suffix), read_grey)
-        for suffix, module in ((".heic", "pillow_heif"), (".dng", "rawpy"))
+        for suffix, module in ((".heic", "pi_heif"), (".dng", "rawpy"))
         if find_spec(module)
     },
     "folder of photos": Reader(

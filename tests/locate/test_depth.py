@@ -72,6 +72,19 @@ def test_centikelvin_photos_keep_their_levels_on_one_scale(tmp_path: Path, suffi
     assert "chosen from 5 of them" in note
 
 
+def test_temperatures_of_floating_point_are_shown_on_one_scale(tmp_path: Path) -> None:
+    images = [(15 + 12 * scene(10 * i) + i / 5).astype(np.float32) for i in range(5)]
+    images[2][:3] = np.nan
+    recording = open_recording(write_photos(tmp_path / "photos", images))
+    frames = [frame.image for frame in recording.frames()]
+    assert min(len(np.unique(frame)) for frame in frames) > 180
+    assert not frames[2][:3].any()
+    known = np.isfinite(np.stack(images))
+    assert_linear(np.stack(images)[known], np.stack(frames)[known].astype(float), worst=1.0)
+    (note,) = recording.warnings
+    assert "samples are real numbers: 15." in note
+
+
 def test_frames_of_a_run_are_written_on_that_scale(tmp_path: Path) -> None:
     images = [centikelvin(8 * i, coldest=29000 + 60 * i) for i in range(6)]
     recording = open_recording(write_photos(tmp_path / "photos", images))

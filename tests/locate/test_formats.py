@@ -60,7 +60,7 @@ def test_formats_that_opencv_reads_are_read(tmp_path: Path, suffix: str) -> None
 def no_extras(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where the libraries of the extras are not installed."""
     monkeypatch.setattr("locate.recording.decoders.find_spec", lambda name: None)
-    for module in ("pillow_heif", "rawpy"):
+    for module in ("pi_heif", "rawpy"):
         monkeypatch.setitem(sys.modules, module, None)
 
 
@@ -97,7 +97,8 @@ def test_photos_of_a_missing_extra_are_counted_beside_others(tmp_path: Path) -> 
 @pytest.mark.parametrize("name", ["a.heic", "a.jpg", "a.hif"])
 @pytest.mark.parametrize("bits", [8, 10])
 def test_heic_photos_are_read(tmp_path: Path, name: str, bits: int) -> None:
-    pillow_heif = pytest.importorskip("pillow_heif", reason="the extra `heif` is not installed")
+    pytest.importorskip("pi_heif", reason="the extra `heif` is not installed")
+    pillow_heif = pytest.importorskip("pillow_heif", reason="nothing here writes HEIC")
     samples = np.repeat(GREY.astype(np.uint8)[..., None], 3, 2)
     deep = samples.astype(np.uint16) << 8
     mode, data = ("RGB", samples) if bits == 8 else ("RGB;16", deep)
@@ -136,7 +137,7 @@ def test_photos_of_one_exposure_stay_alike(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.heic", "a.dng"])
 def test_damaged_photos_of_extras_are_refused(tmp_path: Path, name: str) -> None:
-    pytest.importorskip("pillow_heif", reason="the extra `heif` is not installed")
+    pytest.importorskip("pi_heif", reason="the extra `heif` is not installed")
     pytest.importorskip("rawpy", reason="the extra `raw` is not installed")
     (tmp_path / name).write_bytes(HEIC if name == "a.heic" else dng("<"))
     with pytest.raises(BadInputError, match=rf"{name}: not a readable (HEIC/HEIF|raw) photo"):
