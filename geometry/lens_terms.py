@@ -47,6 +47,8 @@ FARTHEST_CENTRE = 0.3
 another size; chosen."""
 SAME_FOCAL = 0.02
 """Relative difference of a focal length and that of the angle of view beside it; chosen."""
+NAMED_CAMERAS = 4
+"""Most cameras that a refusal describes."""
 GRID = 9
 """Pixels along each side of the image at which cameras are compared."""
 
@@ -63,26 +65,40 @@ def is_same_camera(a: Camera, b: Camera) -> bool:
     return bool((off < SAME_CAMERA_PX).all())
 
 
-def merge_cameras(cameras: Iterable[Camera]) -> Camera:
+def merge_cameras(cameras: Iterable[tuple[str, Camera]]) -> Camera:
     """The one camera that all of them are.
 
+    Args:
+        cameras: Name and camera of each image.
+
     Raises:
-        BadInputError: There is none, or they are different ones; how many.
+        BadInputError: There is none, or they are different ones: how many images of each.
     """
-    different: list[Camera] = []
-    for camera in cameras:
-        if not any(is_same_camera(known, camera) for known in different):
-            different.append(camera)
-    if not different:
+    groups: list[tuple[Camera, list[str]]] = []
+    for name, camera in cameras:
+        same = (names for known, names in groups if is_same_camera(known, camera))
+        names = next(same, None)
+        if names is None:
+            groups.append((camera, [name]))
+        else:
+            names.append(name)
+    if not groups:
         raise BadInputError("0 cameras; expected the images of one camera")
-    if len(different) > 1:
-        focal_px = [camera.focal_px for camera in different]
-        raise BadInputError(
-            f"{len(different)} cameras (focal lengths {min(focal_px):.5g} to {max(focal_px):.5g} "
-            "px); expected the images of one camera: give those of one lens and zoom, or one "
-            "camera for all with --camera"
+    if len(groups) > 1:
+        groups.sort(key=lambda group: len(group[1]), reverse=True)
+        listed = "; ".join(
+            f"{len(names)} of {camera.model} {camera.width}x{camera.height} with "
+            f"{camera.focal_px:.5g} px ({names[0]} ...)"
+            for camera, names in groups[:NAMED_CAMERAS]
         )
-    return different[0]
+        more = len(groups) - NAMED_CAMERAS
+        raise BadInputError(
+            f"the images are of {len(groups)} cameras: {listed}"
+            + (f"; and {more} more" if more > 0 else "")
+            + "; a run has one: give the images of one lens and zoom, or one camera for all with "
+            "--camera"
+        )
+    return groups[0][0]
 
 
 def read_transforms_camera(
@@ -98,14 +114,18 @@ def read_transforms_camera(
     for block in (content, *frames):
         _refuse_nested_terms(block)
     common = _rename_aliases(content)
-    cameras: dict[str, Camera] = {}
+    if not frames:
+        return read_camera_block(common)
+    read: dict[str, Camera] = {}
+    cameras = []
     for frame in frames:
         renamed = _rename_aliases(frame).items()
         own = {k: value for k, value in renamed if k in INTRINSICS or speaks_of_lens(k)}
         label = repr(sorted(own.items()))
-        if label not in cameras:
-            cameras[label] = read_camera_block({**common, **own})
-    return merge_cameras(cameras.values() or [read_camera_block(common)])
+        if label not in read:
+            read[label] = read_camera_block({**common, **own})
+        cameras.append((str(frame["file_path"]), read[label]))
+    return merge_cameras(cameras)
 
 
 def read_camera_block(block: Mapping[str, Any]) -> Camera:

@@ -183,8 +183,9 @@ def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
         model = pycolmap.Reconstruction(folder)
         images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda one: one.name)
         poses = [image.cam_from_world() for image in images]
-        used = sorted({image.camera_id for image in images})
-        own = camera or merge_cameras(Camera.from_colmap(model.camera(i)) for i in used)
+        own = camera or merge_cameras(
+            (image.name, Camera.from_colmap(model.camera(image.camera_id))) for image in images
+        )
     except BadInputError as error:
         raise BadInputError(f"{folder}: {error}") from error
     except (ValueError, RuntimeError, LookupError, MemoryError) as error:
