@@ -9,6 +9,16 @@ from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError, describe_error
 
 
+def refuse_streams(path: Path) -> None:
+    """Refuses what cannot be read twice.
+
+    Raises:
+        BadInputError: It is a pipe or a device.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise BadInputError(f"{path}: is a pipe or a device; store it as a file and give that")
+
+
 def read_image(path: Path, flags: int = cv2.IMREAD_GRAYSCALE) -> np.ndarray | None:
     """The image of a file; None where it is none or cannot be read.
 

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from geometry.errors import BadInputError
+from geometry.image_files import refuse_streams
 
 EDGE_BYTES = 1 << 20
 """How much of each end of a file is read."""
@@ -26,8 +27,9 @@ def fingerprint_path(path: Path) -> str:
     """Of a file, or of the files directly in a folder: names, sizes, first and last MiB.
 
     Raises:
-        BadInputError: One cannot be read.
+        BadInputError: One cannot be read, or it is a pipe or a device.
     """
+    refuse_streams(path)
     summary = hashlib.sha256()
     try:
         files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
+from geometry.image_files import refuse_streams
 from geometry.stretch import Stretch
 from locate.recording.depth import stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
@@ -150,6 +151,7 @@ def open_recording(
     """
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
+    refuse_streams(path)
     is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES
     photo_indices: tuple[int, ...] = ()
     turns: dict[int, int] = {}

@@ -22,6 +22,8 @@ CODED_FRAMES = 300
 """Frames that show how a video is coded: some seconds, with whole frames among them."""
 MISSING_TAIL_S = 0.5
 """Missing end of a video from which on it counts as truncated."""
+GAP = 2.5
+"""Step between two frames, over the usual one, from which on some may be missing; chosen."""
 NamedImage = tuple[float, str, GreyImage]
 UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 
@@ -103,7 +105,7 @@ def video_images(
     An early end, and what was done to show the frames as a player does, is noted in `warnings`,
     not raised.
     """
-    count, time_s = 0, 0.0
+    times_s: list[float] = []
     with open_video(path) as container:
         stream = picture_stream(container)
         stream.thread_type = "AUTO"
@@ -112,19 +114,37 @@ def video_images(
         length_s = _declared_end_s(container) - start_s
         decoded = _DecodedFrames(container=container, stream=stream)
         for frame in merge_fields(decoded.frames()):
-            time_s = frame.time - start_s if frame.time is not None else count / rate
-            count += 1
+            time_s = frame.time - start_s if frame.time is not None else len(times_s) / rate
+            times_s.append(time_s)
             image = grey_of_frame(frame, stretch)
             geometry = PictureGeometry.of(frame, stream)
-            if count == 1:
+            if len(times_s) == 1:
                 notes = [*describe_other_streams(container), *geometry.describe(image)]
                 _add_notes(warnings, path, notes)
             yield time_s, path.name, geometry.show(image)
     if decoded.interlaced:
         _add_notes(warnings, path, [f"its frames are interlaced; {FILTER} deinterlaced them"])
-    if decoded.broken or (count and length_s - time_s - 1 / rate > MISSING_TAIL_S):
-        note = f"damaged or truncated; {count} frames decoded, up to {time_s:.2f} s"
+    last_s = times_s[-1] if times_s else 0.0
+    if decoded.broken or (times_s and length_s - last_s - 1 / rate > MISSING_TAIL_S):
+        note = f"damaged or truncated; {len(times_s)} frames decoded, up to {last_s:.2f} s"
         _add_notes(warnings, path, [note])
+    _add_notes(warnings, path, _describe_gaps(times_s))
+
+
+def _describe_gaps(times_s: list[float]) -> list[str]:
+    """A note on steps between frames that are far longer than the usual one; none without."""
+    steps_s = np.diff(times_s)
+    if not len(steps_s):
+        return []
+    gaps = np.flatnonzero(steps_s > GAP * np.median(steps_s))
+    if not len(gaps):
+        return []
+    longest = int(gaps[np.argmax(steps_s[gaps])])
+    return [
+        f"{len(gaps)} of its {len(steps_s)} steps between frames are over {GAP:g} times the usual "
+        f"one (the longest {steps_s[longest]:.2f} s, at {times_s[longest]:.2f} s): it was recorded "
+        "unevenly, or frames are lost and those after them may be spoilt"
+    ]
 
 
 def video_pictures(path: Path, indices: Collection[int]) -> Iterator[tuple[int, Picture]]:

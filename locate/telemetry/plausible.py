@@ -89,8 +89,8 @@ def leave_out_strays(
     jumps = known[find_jumps(latitude_deg[known], longitude_deg[known], times_s[known])]
     if len(jumps):
         notes.append(
-            f"{path.name}: the position jumps {len(jumps)} times farther than any vehicle goes "
-            f"(the first time at {times_s[jumps[0]]:.2f} s); check its positions and times"
+            f"{path.name}: {len(jumps)} of the steps between its positions are longer than any "
+            f"vehicle goes (the first at {times_s[jumps[0]]:.2f} s); check its positions and times"
         )
     return notes
 

@@ -171,3 +171,11 @@ def test_names_that_are_not_utf_8_are_stored_and_told_readably(tmp_path: Path) -
         open_recording(path)
     assert rb"caf\xe9.mkv: no such file" in str(caught.value).encode()
     assert printable("café.mkv") == "café.mkv"
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "a.mp4"
+    os.mkfifo(pipe)
+    for read in (open_recording, fingerprint_path):
+        with pytest.raises(BadInputError, match=r"a\.mp4: is a pipe or a device"):
+            read(pipe)

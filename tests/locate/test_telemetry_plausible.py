@@ -45,10 +45,8 @@ def test_a_break_is_noted_and_nothing_left_out() -> None:
     latitude = np.where(np.arange(RECORDS) < 8, 48.0, -48.0)
     found = flight(latitude_deg=latitude)
     assert found.has_position.all()
-    assert (
-        "jumps 1 times farther than any vehicle goes (the first time at 8.00 s)"
-        in (found.warnings[0])
-    )
+    said = "1 of the steps between its positions are longer than any vehicle goes"
+    assert f"{said} (the first at 8.00 s)" in found.warnings[0]
 
 
 @pytest.mark.parametrize(("count", "is_left_out"), [(RECORDS, True), (3, False)])

@@ -257,3 +257,31 @@ def test_subtitles_are_read_from_a_file_with_colons(
     monkeypatch.chdir(tmp_path)
     write(Path("12:30:05.mkv"), pan([0.0] * 3), subtitles=recorded.SRT.split("\n\n"))
     assert len(read_telemetry(Path("12:30:05.mkv"))) == 2
+
+
+def test_frames_lost_in_the_middle_of_a_stream_are_noted(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.ts", pan([8.0 * i for i in range(40)]), codec="mpeg2video")
+    content = path.read_bytes()
+    packets = [content[i : i + 188] for i in range(0, len(content), 188)]
+    count = len(packets)
+    (tmp_path / "b.ts").write_bytes(b"".join(packets[: count // 3] + packets[count // 2 :]))
+    frames, notes = frames_of(tmp_path / "b.ts")
+    assert len(frames) < 38
+    assert any("frames are lost" in note or "damaged" in note for note in notes)
+    assert frames_of(path)[1] == []
+
+
+def test_uneven_frames_are_noted(tmp_path: Path) -> None:
+    images = [quadrants()] * 12
+    with av.open(str(tmp_path / "a.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=RATE)
+        stream.height, stream.width = images[0].shape
+        stream.pix_fmt = "gray"
+        for i, image in enumerate(images):
+            frame = av.VideoFrame.from_ndarray(image, format="gray")
+            frame.pts, frame.time_base = 40 * i + (360 if i > 7 else 0), Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    _, (note,) = frames_of(tmp_path / "a.mkv")
+    assert "1 of its 11 steps between frames are over 2.5 times" in note
+    assert "the longest 0.40 s, at 0.28 s" in note
