@@ -49,8 +49,8 @@ def read_piv(folder: Path) -> tuple[FloatArray, FloatArray]:
     return u, v
 
 
-def piv_row(displacement: FloatMap, piv: FloatArray, axis: int) -> str:
-    """Correlation, median difference and slope of one component."""
+def piv_agreement(displacement: FloatMap, piv: FloatArray, axis: int) -> tuple[float, float, float]:
+    """Correlation, median difference in px, and slope of one component."""
     rows, columns = (
         (FIRST_PX + STEP_PX * np.arange(n)).clip(max=side - 1)
         for n, side in zip(piv.shape, displacement.shape, strict=False)
@@ -60,10 +60,13 @@ def piv_row(displacement: FloatMap, piv: FloatArray, axis: int) -> str:
     known = np.isfinite(theirs) & (np.abs(theirs) < OUTLIER_PX)
     ours, theirs = ours[known] - np.median(ours[known]), theirs[known]
     slope = (ours * theirs).sum() / (theirs**2).sum()
-    return (
-        f"{np.corrcoef(ours, theirs)[0, 1]:.3f} | {np.median(np.abs(ours - theirs)):.3f} | "
-        f"{slope:.2f}"
-    )
+    difference_px = float(np.median(np.abs(ours - theirs)))
+    return float(np.corrcoef(ours, theirs)[0, 1]), difference_px, float(slope)
+
+
+def piv_row(displacement: FloatMap, piv: FloatArray, axis: int) -> str:
+    r, difference_px, slope = piv_agreement(displacement, piv, axis)
+    return f"{r:.3f} | {difference_px:.3f} | {slope:.2f}"
 
 
 def compare_methods(data: Path, methods: Sequence[str]) -> None:

@@ -96,7 +96,31 @@ def simulate_pairs(
             yield Pair(reference=reference, image=image, truth=w[inside, inside], peak_px=peak_px)
 
 
-def score_row(flow: Flow, simulated: Sequence[Pair]) -> str:
+@dataclass(frozen=True, kw_only=True)
+class FlowScore:
+    """How well a method did on pairs of one background.
+
+    Attributes:
+        epe_px: Mean end-point error in the plumes.
+        zero_px: The same of no displacement at all.
+        gain: Slope of the measured against the true displacement.
+        noise_px: Root mean square of the flow where the air is still.
+        areas: AUROC of |flow| at each of `PEAKS_PX`.
+    """
+
+    epe_px: float
+    zero_px: float
+    gain: float
+    noise_px: float
+    areas: tuple[float, ...]
+
+    @property
+    def found_from(self) -> str:
+        """The smallest peak from which every AUROC is above `FOUND`, px."""
+        return smallest_found(self.areas)
+
+
+def score_flow(flow: Flow, simulated: Sequence[Pair]) -> FlowScore:
     errors, zeros, projections, squares_, noise = [], [], [], [], []
     scores: dict[float, list[tuple[np.ndarray, np.ndarray]]] = {peak: [] for peak in PEAKS_PX}
     for pair in simulated:
@@ -110,14 +134,23 @@ def score_row(flow: Flow, simulated: Sequence[Pair]) -> str:
         noise.append((size[still] ** 2).mean())
         judged = plume | still
         scores[pair.peak_px].append((size[judged], plume[judged]))
-    areas = [
-        auroc(*(np.concatenate(part) for part in zip(*scores[peak], strict=True)))
-        for peak in PEAKS_PX
-    ]
+    return FlowScore(
+        epe_px=float(np.concatenate(errors).mean()),
+        zero_px=float(np.concatenate(zeros).mean()),
+        gain=float(sum(projections) / sum(squares_)),
+        noise_px=float(np.sqrt(np.mean(noise))),
+        areas=tuple(
+            auroc(*(np.concatenate(part) for part in zip(*scores[peak], strict=True)))
+            for peak in PEAKS_PX
+        ),
+    )
+
+
+def score_row(score: FlowScore) -> str:
+    areas = " / ".join(f"{area:.2f}".lstrip("0") for area in score.areas)
     return (
-        f"{np.concatenate(errors).mean():.3f} / {np.concatenate(zeros).mean():.3f} | "
-        f"{sum(projections) / sum(squares_):.2f} | {np.sqrt(np.mean(noise)):.3f} | "
-        f"{' / '.join(f'{area:.2f}'.lstrip('0') for area in areas)} | {smallest_found(areas)}"
+        f"{score.epe_px:.3f} / {score.zero_px:.3f} | {score.gain:.2f} | {score.noise_px:.3f} | "
+        f"{areas} | {score.found_from}"
     )
 
 
@@ -193,8 +226,6 @@ def main(options: argparse.Namespace) -> None:
         flow = flow_method(name)
         spent = cpu_milliseconds(flow)
         for kind, group in simulated.items():
-            print(
-                f"| {Path(name).name} | {kind} | {score_row(flow, group)} | {spent:.0f} |",
-                flush=True,
-            )
+            row = score_row(score_flow(flow, group))
+            print(f"| {Path(name).name} | {kind} | {row} | {spent:.0f} |", flush=True)
     print_costs(options.pairs, options.noise)

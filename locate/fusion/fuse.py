@@ -9,14 +9,12 @@ import numpy as np
 from geometry.grid import EvidenceGrid
 from locate.fusion.extract import drop_known, extract_plumes, find_far_columns
 from locate.fusion.search.fit import fit_columns
-from locate.fusion.search.null import NullLevel
+from locate.fusion.search.null import FALSE_ALARM, NullLevel
 from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
 from locate.fusion.search.score import column_contrast, column_evidence, mask_out
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 
-FALSE_ALARM = 0.01
-"""Probability that a volume without plumes yields one; the promise of the map, chosen by hand."""
 NULL_SHARE = 0.8
 """Share of fusion's time that the draws of chance take, for the progress that is reported."""
 GHOST_SHARE = 0.1
@@ -66,18 +64,23 @@ def fuse(
     if np.isnan(views.unit):
         return FusionResult(plumes=(), grid=None, threshold_nats=np.inf)
     rng = np.random.default_rng(seed)
-    box = views.volume()
+    (draws_rng,) = rng.spawn(1)  # how many volumes are drawn changes nothing else
+    draw_null = partial(
+        NullLevel.from_views,
+        box=views.volume(),
+        rng=draws_rng,
+        most_false_alarm=most_false_alarm,
+        least_nats=least_nats,
+    )
     drawn = null is None
 
     # 1. What chance makes of these views: the level that a plume must pass.
     if null is None:
-        null = NullLevel.from_views(
-            views, box, rng, progress=lambda share: progress(NULL_SHARE * share)
-        )
+        null = draw_null(views, progress=lambda share: progress(NULL_SHARE * share))
     level = max(null.threshold(most_false_alarm), least_nats)
 
     # 2. Columns: proposed by the summed grid, then fitted until they stand out most.
-    proposals, grid = propose_columns(views, box, most=MOST_PROPOSALS)
+    proposals, grid = propose_columns(views, views.volume(), most=MOST_PROPOSALS)
     columns = fit_columns(partial(column_contrast, views), proposals.columns, views.unit, rng)
 
     # 3. Plumes: the columns above the level, measured with the others masked out.
@@ -92,7 +95,7 @@ def fuse(
     raised = bool(plumes) and level > least_nats
     if drawn and (raised or (far and (plumes or least_nats))):
         calm = reduce(mask_out, far, masked) if least_nats else masked
-        null = NullLevel.from_views(calm, box, rng, progress=lambda _share: None)
+        null = draw_null(calm, progress=lambda _share: None)
         level = max(null.threshold(most_false_alarm), least_nats)
         more, _ = extract_plumes(masked, far, null, max(level, floor), rng)
         plumes += drop_known(more, plumes, views.unit)

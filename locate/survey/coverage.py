@@ -17,10 +17,9 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference
 from geometry.npz import read_npz, save_arrays
 from geometry.trajectory import Trajectory
-from locate.fusion.fuse import FALSE_ALARM
 from locate.fusion.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
 from locate.fusion.search.columns import HEIGHT, RADIUS, Columns, PlumeColumn, X, Y, Z
-from locate.fusion.search.null import NullLevel
+from locate.fusion.search.null import FALSE_ALARM, NullLevel
 from locate.fusion.search.score import clipped_sum, score_columns
 from locate.fusion.views import Views
 from locate.map.plume import Plume

@@ -63,6 +63,29 @@ def test_the_level_is_drawn_without_the_plume_that_was_found(truth: ColumnTruth)
     assert np.median(levels) < 0.8 * with_the_plume.threshold(0.01)
 
 
+def test_a_floor_far_above_chance_ends_the_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    views = make_faulty_views(None, orbit_trajectory(4, 60), np.random.default_rng(5))
+
+    def draw(floor_nats: float, strengths: list[float]) -> NullLevel:
+        coming = iter(strengths)
+        monkeypatch.setattr(
+            "locate.fusion.search.null.draw_strongest", lambda *_: next(coming)
+        )
+        return NullLevel.from_views(
+            views,
+            views.volume(),
+            np.random.default_rng(0),
+            progress=lambda _: None,
+            least_nats=floor_nats,
+        )
+
+    quiet, loud = [10.0, 12.0, 14.0] * 4, [10.0, 12.0, 70.0] * 4
+    assert len(draw(80.0, quiet).strongest) == 4
+    assert len(draw(0.0, quiet).strongest) == 12
+    assert len(draw(30.0, quiet).strongest) == 12
+    assert len(draw(80.0, loud).strongest) == 12
+
+
 def test_same_seed_same_answer(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(6, 60), np.random.default_rng(0))
     first, second = (fuse(views, seed=3).plumes for _ in range(2))

@@ -22,7 +22,13 @@ from locate.fusion.search.score import column_evidence
 from locate.fusion.views import Views
 
 NULL_DRAWS = 12
-"""Volumes drawn; chosen by hand: each takes as long as the search itself."""
+"""Most volumes drawn; chosen by hand: each takes as long as the search itself."""
+FEWEST_DRAWS = 4
+"""Volumes after which the draws may end; chosen by hand."""
+CLEAR_FACTOR = 2.0
+"""They end where this many times the level is still below the floor; chosen by hand."""
+FALSE_ALARM = 0.01
+"""Probability that a volume without plumes yields one; the promise of the map, chosen by hand."""
 SMALLEST_SHIFT = 0.12
 """Least turn of a view's maps, in their widths: less leaves some of the agreement; by hand."""
 SMALLEST_SCALE_NATS = 1.0
@@ -51,12 +57,29 @@ class NullLevel:
         rng: np.random.Generator,
         *,
         progress: Callable[[float], None],
+        most_false_alarm: float = FALSE_ALARM,
+        least_nats: float = 0.0,
     ) -> Self:
-        """Draws `NULL_DRAWS` volumes from the run's own maps; `progress` gets the share done."""
-        strongest = []
-        for draw in range(NULL_DRAWS):
-            progress(draw / NULL_DRAWS)
+        """Draws volumes from the run's own maps.
+
+        Fewer than `NULL_DRAWS` are enough where the level is far below a floor that holds anyway.
+
+        Args:
+            views: The evidence.
+            box: The volume.
+            rng: Of the draws.
+            progress: Receives the share done.
+            most_false_alarm: What the level is of.
+            least_nats: The floor; 0 without one.
+        """
+        strongest: list[float] = []
+        while len(strongest) < NULL_DRAWS:
+            progress(len(strongest) / NULL_DRAWS)
             strongest.append(draw_strongest(views, box, rng))
+            if len(strongest) >= FEWEST_DRAWS:
+                level = cls.from_draws(strongest).threshold(most_false_alarm)
+                if CLEAR_FACTOR * level < least_nats:
+                    break
         return cls.from_draws(strongest)
 
     @classmethod

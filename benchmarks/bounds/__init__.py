@@ -1,0 +1,1 @@
+"""How far each step is from what its input allows: the Cramer-Rao bound, the ideal observer."""

@@ -1,0 +1,3 @@
+from benchmarks.common.commands import run
+
+run(__package__, "displacement", "network", "location", "poses", "compare")
