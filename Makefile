@@ -5,7 +5,7 @@ EXAMPLES ?= 3000
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test site robust fuzz audit sbom ros bench train lint picture clean
+.PHONY: help demo test site robust fuzz audit sbom ros bench peers train lint picture clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
@@ -17,6 +17,7 @@ help:
 	@echo "make sbom    what an installation brings, with licences: build/sbom.cdx.json (CycloneDX)"
 	@echo "make ros     the ROS 2 node against real rclpy, Kilted and Jazzy"
 	@echo "make bench   the slow tests and the benchmarks: hours"
+	@echo "make peers   what peers and bounds were measured, again: fails where a ratio is worse"
 	@echo "make train   train the shipped networks again: hours; photos in PHOTOS=DIR, sets in SETS=DIR"
 	@echo "make lint    ruff, mypy, import-linter and the limits on names only"
 	@echo "make picture draw the packages and their imports: docs/images/packages.svg"
@@ -76,6 +77,17 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.survey joining
 	$(BIN)/python -m benchmarks.robot offline
 	$(BIN)/python -m benchmarks.robot update
+	$(MAKE) peers
+
+peers: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.peers displacement --out build/peers
+	$(BIN)/python -m benchmarks.peers network --out build/peers
+	$(BIN)/python -m benchmarks.peers location --out build/peers
+	$(BIN)/python -m benchmarks.peers poses --sets sample --out build/peers
+	$(BIN)/python -m benchmarks.bounds displacement --out build/peers
+	$(BIN)/python -m benchmarks.bounds source --out build/peers
+	$(BIN)/python -m benchmarks.bounds weak-plume --out build/peers
+	$(BIN)/python -m benchmarks.peers compare build/peers
 
 train: $(VENV)/dev.stamp
 	mkdir -p build/data/sets

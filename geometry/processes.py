@@ -12,7 +12,8 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import IO, Any, TypeVar
@@ -27,6 +28,11 @@ SIGNAL_AT_PARENTS_END = 1
 """PR_SET_PDEATHSIG of Linux's prctl."""
 Result = TypeVar("Result")
 Report = Callable[[str, float], object]
+
+
+def count_cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def start_python(program: str, pipe: Connection, **options: Any) -> "subprocess.Popen[bytes]":
@@ -65,27 +71,58 @@ def call_apart(
         ChildProcessError: The process was ended, as a library does that aborts.
         Exception: What the function raises, with its traceback as a note.
     """
+    with start_call(function, *arguments, name=name, report=report, **keywords) as wait:
+        return wait()
+
+
+@contextmanager
+def start_call(
+    function: Callable[..., Result],
+    *arguments: Any,
+    name: str,
+    report: Report,
+    **keywords: Any,
+) -> Iterator[Callable[[], Result]]:
+    """Starts what `call_apart` does, and ends it with the block if it is not done by then.
+
+    Yields:
+        What waits for the result, and passes the progress on meanwhile.
+    """
     ours, theirs = Pipe()
     with ours, tempfile.TemporaryFile() as printed:
         with theirs:
             process = start_python(PROGRAM, theirs, stdout=printed, stderr=printed)
+
+        def wait() -> Result:
+            with _end_described(process, printed, name):
+                while True:
+                    is_result, answer = ours.recv()
+                    if is_result:
+                        break
+                    report(*answer)
+            if isinstance(answer, BaseException):
+                raise answer
+            result: Result = answer
+            return result
+
         try:
-            ours.send((os.getpid(), function, arguments, keywords))
-            while True:
-                is_result, answer = ours.recv()
-                if is_result:
-                    break
-                report(*answer)
-        except (EOFError, ConnectionError) as error:
-            ended = _describe_end(process.wait(), printed)
-            raise ChildProcessError(f"{name} {ended}") from error
+            with _end_described(process, printed, name):
+                ours.send((os.getpid(), function, arguments, keywords))
+            yield wait
         finally:
             process.kill()
             process.wait()
-    if isinstance(answer, BaseException):
-        raise answer
-    result: Result = answer
-    return result
+
+
+@contextmanager
+def _end_described(
+    process: "subprocess.Popen[bytes]", printed: IO[bytes], name: str
+) -> Iterator[None]:
+    """Says how the process ended where its pipe is found closed."""
+    try:
+        yield
+    except (EOFError, ConnectionError) as error:
+        raise ChildProcessError(f"{name} {_describe_end(process.wait(), printed)}") from error
 
 
 def _describe_end(code: int, printed: IO[bytes]) -> str:

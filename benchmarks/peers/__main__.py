@@ -1,3 +1,3 @@
 from benchmarks.common.commands import run
 
-run(__package__, "displacement", "network", "location", "poses", "compare")
+run(__package__, "displacement", "real-pair", "network", "location", "poses", "compare")

@@ -8,7 +8,9 @@ compared.
 """
 
 import argparse
+import re
 from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 
 from benchmarks.common.csv_tables import DOCS, Row, read_table
@@ -18,6 +20,7 @@ MOST_LOSS = 0.3
 """Share by which a ratio may be worse: CPU seconds of a shared machine vary by a fifth."""
 OF_OURS, OF_BOUND = ", of ours", ", of the bound"
 """Columns of ratios: the first should be large, the second small."""
+NUMBER = re.compile(r"[-+]?\d")
 PATTERNS = ("peers_*.csv", "bounds_*.csv")
 
 
@@ -47,10 +50,9 @@ def losses_of(new: Path, stored: Path) -> Iterator[str]:
 
 
 def key_of(row: Row) -> tuple[str, ...]:
-    """The cells that name a row: those before the first number."""
-    cells = list(row.values())
-    numbers = [any(map(str.isdigit, cell)) and cell[:1].isdigit() for cell in cells]
-    return tuple(cells[: max(1, numbers.index(True) if True in numbers else len(cells))])
+    """The cells that name a row: the first, and those before the first number."""
+    first, *others = row.values()
+    return (first, *takewhile(lambda cell: not NUMBER.match(cell), others))
 
 
 def is_worse(column: str, new: str, old: str) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from geometry.errors import BadInputError
+from geometry.processes import count_cores
 from locate.commands.console import WEIGHTS, Output, Quiet, Verbose, err, out
 from locate.journal.log import log_to_file
 from locate.journal.progress import Report, silent
@@ -208,6 +209,14 @@ def run(
             show_default=False,
         ),
     ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes that measure side by side; else as many as there are cores.",
+            show_default=False,
+        ),
+    ] = None,
     force: Force = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the map as JSON, and nothing else, to stdout.")
@@ -246,7 +255,7 @@ def run(
             "no recording; name a video, a folder of photos or a bag, or give --config FILE"
         )
     shown = Shown.of(quiet=quiet, verbose=verbose)
-    _run(RunConfig.of(settings), output, force=force, shown=shown, as_json=as_json)
+    _run(RunConfig.of(settings), output, force=force, shown=shown, as_json=as_json, jobs=jobs)
 
 
 def demo(
@@ -263,7 +272,13 @@ def demo(
 
 
 def _run(
-    config: RunConfig, output: Path, *, force: bool, shown: Shown, as_json: bool = False
+    config: RunConfig,
+    output: Path,
+    *,
+    force: bool,
+    shown: Shown,
+    as_json: bool = False,
+    jobs: int | None = None,
 ) -> None:
     from locate.pipeline.files import RunFiles
 
@@ -274,7 +289,7 @@ def _run(
     with bar as report:
         from locate.pipeline.run import Run
 
-        job = Run(config, output, force=force, report=report)
+        job = Run(config, output, force=force, report=report, jobs=jobs or count_cores())
         with log_to_file(
             files.log,
             console=None if shown is Shown.QUIET else err,

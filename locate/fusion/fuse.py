@@ -64,11 +64,10 @@ def fuse(
     if np.isnan(views.unit):
         return FusionResult(plumes=(), grid=None, threshold_nats=np.inf)
     rng = np.random.default_rng(seed)
-    (draws_rng,) = rng.spawn(1)  # how many volumes are drawn changes nothing else
     draw_null = partial(
         NullLevel.from_views,
         box=views.volume(),
-        rng=draws_rng,
+        rng=rng,
         most_false_alarm=most_false_alarm,
         least_nats=least_nats,
     )

@@ -17,6 +17,7 @@ def run(
     *,
     force: bool = False,
     report: Report = silent,
+    jobs: int = 1,
     **settings: Any,
 ) -> PlumeMap:
     """Turns a recording into a map; what an earlier call of the same has done is not done again.
@@ -26,6 +27,7 @@ def run(
         output: The run folder, made where it is missing.
         force: Do every stage again.
         report: Called with the name of a stage and the share of it that is done, from 0 to 1.
+        jobs: Processes that measure side by side; the results do not depend on it.
         settings: Attributes of `RunConfig`; they go before those of `recording`.
 
     Returns:
@@ -43,7 +45,7 @@ def run(
     """
     given = dict(recording) if isinstance(recording, RunConfig) else {"recording": recording}
     config = RunConfig.of({**given, **settings})
-    job = Run(config, Path(output), force=force, report=report)
+    job = Run(config, Path(output), force=force, report=report, jobs=jobs)
     with log_to_file(RunFiles(Path(output)).log):
         return job.run()
 

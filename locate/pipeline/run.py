@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from locate.journal.progress import Report, silent
 from locate.map.plume import PlumeMap
 from locate.pipeline import decide, detections, frames, place, poses, publish
 from locate.pipeline.config import RunConfig
-from locate.pipeline.detections import WHOLE
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
@@ -21,6 +21,7 @@ from locate.pipeline.left_out import left_out_notes
 from locate.pipeline.obstacles import foreseen_obstacles
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
+from locate.pipeline.side_by_side import measure_side_by_side
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames, Recording
 from locate.recording.posed_frames import PosedFrames
@@ -52,13 +53,20 @@ class Run:
         output: The run folder.
         force: Do every stage again.
         report: Takes the progress of each stage.
+        jobs: Processes that measure side by side; the results do not depend on it.
 
     Raises:
         BadInputError: Something given cannot be used.
     """
 
     def __init__(
-        self, config: RunConfig, output: Path, *, force: bool = False, report: Report = silent
+        self,
+        config: RunConfig,
+        output: Path,
+        *,
+        force: bool = False,
+        report: Report = silent,
+        jobs: int = 1,
     ) -> None:
         self.config = config
         check_weights(config)
@@ -69,6 +77,7 @@ class Run:
         self.folder = RunFolder(output, force=force)
         self.files = RunFiles(output)
         self._report = report
+        self._jobs = jobs
 
     @with_one_blas_thread
     def run(self) -> PlumeMap:
@@ -187,17 +196,19 @@ class Run:
 
     def _measure(self, plan: MeasurementPlan, share: tuple[int, int] | None = None) -> None:
         def build(folder: Path) -> str:
-            detector = plan.detector.make(
+            make = partial(
+                registry.make_detector,
+                plan.detector.name,
                 points_in_world=load_points(self.files.points),
                 weights=self.config.weights,
             )
+            target, most = RunFiles(folder).detections, self.config.detection_frames
+            if share is None:
+                return measure_side_by_side(
+                    plan.posed, make, target, most=most, jobs=self._jobs, report=self._report
+                )
             return detections.measure_frames(
-                plan.posed,
-                detector,
-                RunFiles(folder).detections,
-                most=self.config.detection_frames,
-                report=self._report,
-                share=share or WHOLE,
+                plan.posed, make(), target, most=most, report=self._report, share=share
             )
 
         inputs: dict[str, Any] = {

@@ -1,11 +1,11 @@
 """What of this program and its libraries is installed."""
 
-import os
 import platform
 import re
 from dataclasses import dataclass
 from importlib import metadata
 
+from geometry.processes import count_cores
 from locate import __version__
 
 DISTRIBUTION = "plume-locate"
@@ -53,8 +53,7 @@ def version_of(distribution: str) -> str | None:
 
 def describe_machine() -> str:
     """This program, Python and the machine in one line."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return (
         f"locate {__version__}, Python {platform.python_version()}, {platform.system()} "
-        f"{platform.machine()}, processor cores: {cores}"
+        f"{platform.machine()}, processor cores: {count_cores()}"
     )

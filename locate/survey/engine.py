@@ -1,12 +1,12 @@
 """Where the flights of a survey are worked on: in this process, or by the workers of Dask."""
 
 import logging
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from geometry.errors import BadInputError
+from geometry.processes import count_cores
 
 LOCAL = "local"
 CONNECT_S = 20.0
@@ -64,11 +64,6 @@ def map_flights(
         return
     with _open_client(scheduler, workers) as client:
         yield from _gather_results(client, job, items)
-
-
-def count_cores() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _submit_parts(submit: Submit, job: Callable[[Item], Result], item: Item) -> Any:

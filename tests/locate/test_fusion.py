@@ -68,9 +68,7 @@ def test_a_floor_far_above_chance_ends_the_draws(monkeypatch: pytest.MonkeyPatch
 
     def draw(floor_nats: float, strengths: list[float]) -> NullLevel:
         coming = iter(strengths)
-        monkeypatch.setattr(
-            "locate.fusion.search.null.draw_strongest", lambda *_: next(coming)
-        )
+        monkeypatch.setattr("locate.fusion.search.null.draw_strongest", lambda *_: next(coming))
         return NullLevel.from_views(
             views,
             views.volume(),
