@@ -34,7 +34,10 @@ def main(options: argparse.Namespace) -> None:
     costs = time_in_turn(
         {name: partial(flow, timed.reference, timed.image) for name, flow in flows.items()}
     )
-    rows = [simulated_row(name, flow, simulated, costs[name]) for name, flow in flows.items()]
+    rows = []
+    for name, flow in flows.items():
+        rows.append(simulated_row(name, flow, simulated, costs[name]))
+        print(rows[-1], flush=True)
     write_table(options.out / "peers_displacement.csv", rows)
 
 

@@ -31,12 +31,16 @@ def iterative_lucas_kanade(reference: GreyImage, image: GreyImage) -> FloatMap:
 def cross_correlation(reference: GreyImage, image: GreyImage) -> FloatMap:
     """OpenPIV's multi-pass correlation, its defaults: windows of 64, 32 and 16 px, half overlap.
 
-    The vectors, 8 px apart, are brought to every pixel by cubic interpolation.
+    The vectors, 8 px apart, are brought to every pixel by cubic interpolation. Where OpenPIV's own
+    validation rejects all of them, nothing was displaced.
     """
     from openpiv import windef
 
-    with contextlib.redirect_stdout(io.StringIO()):
-        x, y, u, v, _ = windef.simple_multipass(image, reference, windef.PIVSettings())
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            x, y, u, v, _ = windef.simple_multipass(image, reference, windef.PIVSettings())
+    except ValueError:
+        return np.zeros((*image.shape, 2), np.float32)
     step = x[0, 1] - x[0, 0]
     rows = (np.arange(image.shape[0], dtype=np.float32) - y.min()) / step
     columns = (np.arange(image.shape[1], dtype=np.float32) - x.min()) / step
