@@ -1,7 +1,7 @@
 """What a run costs: CPU and wall seconds of every stage, and the peak memory.
 
 python -m benchmarks.cost run                # the bundled sample, 60 frames of 640x480
-python -m benchmarks.cost run video.mp4
+python -m benchmarks.cost run video.mp4 -o out    # and keep the run
 """
 
 import argparse
@@ -20,11 +20,12 @@ STAGES = ("frames", "poses", "place", "detections", "fusion", "report")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="?", default=SAMPLE_VIDEO)
+    parser.add_argument("-o", "--output", type=Path)
 
 
 def main(options: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        output = Path(folder) / "run"
+        output = options.output or Path(folder) / "run"
         command = [sys.executable, "-m", "locate", "run", options.recording, "-o", output]
         subprocess.run(command, check=True, capture_output=True)
         print(f"{'stage':10s} | CPU s | wall s | note        ({os.cpu_count()} cores)")

@@ -16,13 +16,14 @@ SETUPS = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--setups", type=int, default=SETUPS)
 
 
 def main(options: argparse.Namespace) -> None:
     print("gas | planned px | frames over planned (least, most) | their mean over planned")
     of_frames, of_mean = [], []
-    for number in range(options.setups):
+    for number in range(options.first, options.first + options.setups):
         setup = turbulent_setup(number)
         shown = setup.displacements()
         planned_px = setup.plan.strength_px

@@ -14,6 +14,8 @@ SAMPLE_FRAMES, SAMPLE_MEASURED = 60, 16
 SAMPLE_PIXELS = 640 * 480
 POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 17.3, 14.6, 12.6, 1.3
 """CPU s of the sample's stages (docs/accuracy.md, Cost)."""
+SIFT_FACTOR = 2.2
+"""Of the time of poses, where frames are tied by SIFT, as photos mostly are (docs/accuracy.md)."""
 FEATURES_SHARE = 0.2
 """Of the time of poses, what grows with the pixels: finding features."""
 REFERENCE_S = 0.045
@@ -61,9 +63,11 @@ def estimate_run_time(recording: Recording, *, max_frames: int, detection_frames
     kept = min(count, max_frames)
     pixels = recording.width * recording.height / SAMPLE_PIXELS
     speed = min(_timed(_work_once) for _ in range(TRIES)) / REFERENCE_S
+    tying = 1.0 if recording.is_video else SIFT_FACTOR
+    growth = 1 + FEATURES_SHARE * (pixels - 1)
     return RunTime(
         frames_s=READ_TWICE * count * _seconds_a_frame(recording),
-        poses_s=speed * POSES_S * kept / SAMPLE_FRAMES * (1 + FEATURES_SHARE * (pixels - 1)),
+        poses_s=speed * tying * POSES_S * kept / SAMPLE_FRAMES * growth,
         detections_s=speed * DETECTIONS_S * min(kept, detection_frames) / SAMPLE_MEASURED * pixels,
         rest_s=speed * (FUSION_S + REPORT_S),
     )

@@ -4,13 +4,14 @@ import shutil
 from importlib import metadata
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from geometry.errors import BadInputError
 from locate.commands.app import app
-from locate.planning import installed
+from locate.planning import duration, installed
 from locate.planning.duration import estimate_run_time
 from locate.planning.file_facts import odd_things
 from locate.planning.installed import Extra, list_extras
@@ -80,6 +81,24 @@ def test_a_run_of_more_takes_longer() -> None:
     assert few.detections_s < many.detections_s
     total = many.frames_s + many.poses_s + many.detections_s + many.rest_s
     assert many.total_s == pytest.approx(total)
+
+
+def test_poses_of_photos_take_longer_than_those_of_a_video(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(duration, "_timed", lambda _: duration.REFERENCE_S)
+    image = np.full((48, 64), 90, np.uint8)
+    photos, video = tmp_path / "photos", tmp_path / "video.mkv"
+    photos.mkdir()
+    with open_video(video, size=(64, 48), fps=5) as writer:
+        for number in range(3):
+            cv2.imwrite(str(photos / f"{number}.png"), image)
+            writer.write(image)
+    by_sift, by_tracks = (
+        estimate_run_time(open_recording(path), max_frames=3, detection_frames=1)
+        for path in (photos, video)
+    )
+    assert by_sift.poses_s == pytest.approx(duration.SIFT_FACTOR * by_tracks.poses_s)
 
 
 def test_usual_plumes_are_weaker_from_farther() -> None:
