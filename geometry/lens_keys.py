@@ -10,7 +10,9 @@ from typing import Any
 from geometry.errors import BadInputError
 
 _LENS_KEY = re.compile(
-    r"[kpsb]\d+|s[xy]\d+|tau_?[xy12]?|omega|xi|alpha|beta|skew|([xy]_)?fov(_?[xy])?|c[xy]\d|"
+    r"[kpsb]_?\d+(_?[kp]_?\d+)*|s[xy]\d+|tau_?[xy12]?|omega|xi|alpha|beta|lambda|skew|[dk]|a\d|"
+    r"kappa\w*|(radial|tangential|decentering|prism|division|poly|coef)\w*|"
+    r"([xy]_)?fov(_?[xy])?|c[xy]\d|(c|f|fl)_?[xy]\w*|cent(er|re)_[xy]|(pixel|sample)_aspect\w*|"
     r"(is_)?(ortho\w*|latlong|equirect\w*|spherical|panoram\w*|omni\w*)|"
     r"camera_(type|params|matrix|k)|(rolling_)?shutter\w*|"
     r".*(dist(ortion)?_?(coef|param|model)|distortion|ftheta|fisheye|lens|intrinsic|principal"

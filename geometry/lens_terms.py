@@ -1,5 +1,6 @@
 """The camera of a transforms.json (nerfstudio, instant-ngp, Polycam, LichtFeld): all or refused."""
 
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -31,8 +32,10 @@ READ_AS = {
     "RADIAL_FISHEYE": "OPENCV_FISHEYE",
 }
 """Models that are another one with further terms at zero."""
-ALIASES = {"fx": "fl_x", "fy": "fl_y", "width": "w", "height": "h"}
-"""Names that Polycam and others give to the same numbers."""
+ALIASES = {"model": "camera_model", "fx": "fl_x", "fy": "fl_y", "width": "w", "height": "h"}
+"""Names that Polycam and others give to the same values."""
+_NAME_OF_MODEL = re.compile(r"[A-Z_]+", re.IGNORECASE)
+"""What a camera model may be called; the model of a device has digits or blanks."""
 INTRINSICS = frozenset(("fl_x", "fl_y", "cx", "cy", "w", "h")) | {
     "camera_angle_x",
     "camera_angle_y",
@@ -198,9 +201,10 @@ def _refuse_nested_terms(block: Mapping[str, Any]) -> None:
 
 
 def _rename_aliases(block: Mapping[str, Any]) -> dict[str, Any]:
+    device = block.get("model") is not None and not _NAME_OF_MODEL.fullmatch(str(block["model"]))
     renamed = {key: value for key, value in block.items() if key not in ALIASES}
     for alias, key in ALIASES.items():
-        if alias in block:
+        if alias in block and not (alias == "model" and device):
             if key in renamed and renamed[key] != block[alias]:
                 raise BadInputError(f"{key} is {renamed[key]!r} and {alias} {block[alias]!r}")
             renamed[key] = block[alias]

@@ -3,13 +3,16 @@
     python -m benchmarks.scenes still --photos PHOTOS
     python -m benchmarks.scenes still --photos PHOTOS --kinds wind --seeds 8100 8101
     python -m benchmarks.scenes still --photos PHOTOS --kinds leak --seeds 8200 --plot still.jpg
+    python -m benchmarks.scenes still --photos PHOTOS --kinds leak --amplitude 2 --bits 0.15 0.2
 
 Each recording is a random plant filmed from one place: 60 frames of 480x360 in 4 s, with a leak
-of 0.3 to 1 px, without one but with swaying bushes, or with neither. `--plot` draws the frame with
+of 0.3 to 1 px, without one but with swaying bushes, or with neither. `--bits` also runs each as an
+H.264 video of so many bits a pixel. `--plot` draws the frame with
 the bearings, what lasts from frame to frame (white is ten sigmas), and the true displacement.
 """
 
 import argparse
+import shutil
 from pathlib import Path
 
 import cv2
@@ -26,7 +29,9 @@ from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording.recording import open_recording
+from locate.recording.writer import LOSSLESS, open_video
 from locate.simulation import Scene, random_scene
+from locate.simulation.compression import compress_h264
 
 KINDS = ("leak", "wind", "clean")
 SEEDS = range(8100, 8108)
@@ -51,6 +56,22 @@ def still_scene(seed: int, *, plume: bool, amplitude_px: float | None) -> Scene:
 def shrink(image: GreyImage) -> GreyImage:
     size = (WIDTH_PX, image.shape[0] * WIDTH_PX // image.shape[1])
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def code(folder: Path, bits_per_pixel: float) -> Path:
+    """The folder of the recording as H.264 leaves it, made where it is missing."""
+    coded = folder.with_name(f"{folder.name}_{bits_per_pixel:g}")
+    if (coded / "truth.json").exists():
+        return coded
+    images = [frame.image for frame in open_recording(folder / "video.mkv").frames()]
+    fps = Scene.load(folder / "scene.yaml").video.fps
+    shutil.copytree(folder / "truth", coded / "truth", dirs_exist_ok=True)
+    size = images[0].shape[::-1]
+    with open_video(coded / "video.mkv", size=size, fps=fps, codec=LOSSLESS) as video:
+        for image in compress_h264(images, fps, bits_per_pixel=bits_per_pixel):
+            video.write(image)
+    shutil.copy(folder / "truth.json", coded)
+    return coded
 
 
 def evaluate_recording(folder: Path) -> str:
@@ -86,6 +107,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--photos", type=Path, required=True, help="what the bushes are made of")
     parser.add_argument("--amplitude", type=float, help="of the leaks, px; another --work for it")
+    parser.add_argument("--bits", type=float, nargs="+", default=(), help="a pixel, of H.264")
     parser.add_argument("--work", type=Path, default=Path("work/still"))
     parser.add_argument("--plot", type=Path, help="a picture of all recordings, one a row")
 
@@ -98,7 +120,8 @@ def main(options: argparse.Namespace) -> None:
             folder = options.work / f"{kind}_{seed}"
             scene = still_scene(seed, plume=kind == "leak", amplitude_px=options.amplitude)
             render(folder, scene, "wind" if kind == "wind" else "", photos)
-            print(evaluate_recording(folder), flush=True)
+            for each in [folder, *(code(folder, bits) for bits in options.bits)]:
+                print(evaluate_recording(each), flush=True)
             if options.plot:
                 pictures.append(picture(folder))
     if options.plot:

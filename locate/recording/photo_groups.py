@@ -52,8 +52,17 @@ class PhotoOptics:
     def is_like(self, other: "PhotoOptics") -> bool:
         """Whether one camera model may stand for both, portrait and landscape."""
         near = np.isclose(self.focals, other.focals, rtol=SAME_FOCAL, atol=0)
-        sizes = sorted(self.size or ()), sorted(other.size or ())
-        return sizes[0] == sizes[1] and self.names == other.names and bool(near.all())
+        return self.shape == other.shape and self.names == other.names and bool(near.all())
+
+    @property
+    def shape(self) -> list[int]:
+        """Its shorter and its longer side, px; empty where the photo cannot be read."""
+        return sorted(self.size or ())
+
+    @property
+    def states_focal(self) -> bool:
+        """Whether it says anything of its focal length."""
+        return any(self.focals[:3])
 
     def describe(self) -> str:
         """Its size and focal length, for people."""
@@ -102,7 +111,8 @@ class OneCamera:
 def keep_one_camera(photos: Sequence[Path]) -> OneCamera:
     """The largest group of photos that one camera model may stand for.
 
-    Photos that cannot be read stay, so that reading them says what is wrong.
+    Photos that state no focal length, where others of their size state several, come last. Those
+    that cannot be read stay, so that reading them says what is wrong.
 
     Args:
         photos: All that were given, in order.
@@ -119,7 +129,10 @@ def keep_one_camera(photos: Sequence[Path]) -> OneCamera:
             group.append(row)
     if not groups:
         return OneCamera(rows=tuple(range(len(photos))), turns={}, notes=())
-    groups.sort(key=len, reverse=True)
+    firsts = [every[group[0]] for group in groups]
+    groups.sort(
+        key=lambda group: (not _may_be_mixed(every[group[0]], firsts), len(group)), reverse=True
+    )
     unreadable = [row for row, optics in enumerate(every) if optics.size is None]
     notes = [_describe_groups(photos, every, groups)] if len(groups) > 1 else []
     turns = _turns_of(groups[0], every)
@@ -129,6 +142,12 @@ def keep_one_camera(photos: Sequence[Path]) -> OneCamera:
             f"and landscape are of one camera ({photos[min(turns)].name} ...)."
         )
     return OneCamera(rows=tuple(sorted(groups[0] + unreadable)), turns=turns, notes=tuple(notes))
+
+
+def _may_be_mixed(optics: PhotoOptics, groups: Sequence[PhotoOptics]) -> bool:
+    """Whether photos that state no focal length may be of any of several that others state."""
+    stated = [one for one in groups if one.states_focal and one.shape == optics.shape]
+    return not optics.states_focal and len(stated) > 1
 
 
 def _turns_of(group: list[int], every: list[PhotoOptics]) -> dict[int, int]:
@@ -162,7 +181,7 @@ def _describe_groups(
     return (
         f"The photos are of {len(groups)} cameras, lenses, zooms or sizes: {listed}"
         + (f"; and {more} more groups" if more > 0 else "")
-        + f". A run has one camera: the largest group is used and {others} of {len(photos)} photos "
+        + f". A run has one camera: the first group is used and {others} of {len(photos)} photos "
         "are left out; run each other group from a folder of its own."
     )
 

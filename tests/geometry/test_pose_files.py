@@ -441,3 +441,36 @@ def test_missing_things_are_named(tmp_path: Path) -> None:
         read_poses(tmp_path / "empty")
     with pytest.raises(BadInputError, match="no such file"):
         read_poses(tmp_path / "gone")
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        {"k_1": -0.2},
+        {"kappa1": -0.2},
+        {"k1k2": [-0.2, 0.1]},
+        {"radial": [-0.2]},
+        {"D": [-0.2, 0.1, 0, 0]},
+        {"K": [[510, 0, 330], [0, 510, 250], [0, 0, 1]]},
+        {"coeffs": [-0.2]},
+        {"coefficients": [-0.2]},
+        {"center_x": 300},
+        {"pixel_aspect_ratio": 1.3},
+        {"poly": [1, 0.1]},
+        {"a1": 0.1},
+        {"lambda": -0.1},
+    ],
+    ids=lambda block: next(iter(block)),
+)
+def test_lens_terms_under_other_names_are_refused(tmp_path: Path, block: dict) -> None:
+    name = next(iter(block))
+    with pytest.raises(BadInputError, match=rf"{name} = .* is not understood with camera model"):
+        transforms_with(tmp_path, {**INTRINSICS, **block})
+
+
+def test_the_model_may_be_called_model_as_devices_are(tmp_path: Path) -> None:
+    fisheye = {**INTRINSICS, "model": "opencv_fisheye", "k1": 0.01}
+    assert transforms_with(tmp_path, fisheye).camera.model == "OPENCV_FISHEYE"
+    assert transforms_with(tmp_path, {**INTRINSICS, "model": "FC300S"}).camera.model == "PINHOLE"
+    with pytest.raises(BadInputError, match="'FTHETA' is not one of"):
+        transforms_with(tmp_path, {**INTRINSICS, "model": "FTHETA"})

@@ -534,6 +534,17 @@ def test_a_run_takes_the_largest_group_of_photos(tmp_path: Path, other: str) -> 
     assert "4 of 10 photos are left out" in note
 
 
+def test_photos_without_a_focal_length_are_of_no_group_where_others_state_several(
+    tmp_path: Path,
+) -> None:
+    folder = write_tagged(tmp_path / "photos", [(6, {}), (4, WIDE), (3, OTHERS["zoom"])])
+    recording = open_recording(folder, one_camera=True)
+    assert [photo.name for photo in recording.photos] == [f"img{i:02d}.jpg" for i in range(6, 10)]
+    assert "the first group is used and 9 of 13 photos are left out" in recording.warnings[0]
+    folder = write_tagged(tmp_path / "more", [(6, {}), (4, WIDE)])
+    assert len(open_recording(folder, one_camera=True).photos) == 6
+
+
 def test_photos_of_a_second_size_are_left_out_and_counted(tmp_path: Path) -> None:
     folder = write_tagged(tmp_path / "photos", [(2, WIDE)], shape=(180, WIDTH))
     write_tagged(folder, [(5, WIDE)])
