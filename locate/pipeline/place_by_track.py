@@ -14,6 +14,7 @@ from geometry.georeference import (
     Georeference,
     HeightDatum,
     ScaleConstraint,
+    SourceReport,
     UpConstraint,
     fit_similarity,
 )
@@ -105,7 +106,18 @@ def place_by_track(
     )
     scales = [c for c in ground if isinstance(c, ScaleConstraint)]
     alignment = fit_similarity([positions, *ups, *scales])
+    notes = (*notes, *_describe_outliers(alignment.sources[0]))
     return Placement(alignment=alignment, georeference=georeference, notes=notes)
+
+
+def _describe_outliers(fixes: SourceReport) -> tuple[str, ...]:
+    """A note on positions that contradict the rest; none where they agree."""
+    if not fixes.outliers:
+        return ()
+    return (
+        f"{fixes.name}: {fixes.outliers} of {fixes.count} positions contradict the path that the "
+        f"images show and hardly count; half of all are over {fixes.median_residual:.2g} m off.",
+    )
 
 
 def _records_at_frames(

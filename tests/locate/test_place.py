@@ -76,6 +76,22 @@ def test_photos_with_gps_are_placed_on_the_earth(flight: Trajectory, tmp_path: P
     )
 
 
+def test_positions_that_contradict_the_images_are_counted(
+    flight: Trajectory, tmp_path: Path
+) -> None:
+    wrong = flight.centers_in_world.copy()
+    wrong[[7, 30]] += [60.0, -40.0, 0.0]
+    rows = [
+        f"P{i:03d}.JPG,{lat:.9f},{lon:.9f},{height:.3f}"
+        for i, (lat, lon, height) in enumerate(ORIGIN.lat_lon_height(wrong))
+    ]
+    path = tmp_path / "gps.csv"
+    path.write_text("\n".join(["filename,latitude,longitude,altitude", *rows]) + "\n")
+    frames = frames_of(flight, video=False)
+    (note,) = place_reconstruction(reconstructed(flight), frames, [path], asked=True).notes
+    assert note.startswith("gps.csv: 2 of 40 positions contradict the path that the images show")
+
+
 def test_photos_are_placed_by_a_gpx_beside_them(flight: Trajectory, tmp_path: Path) -> None:
     whole_seconds = flight.take(np.arange(0, len(flight), 2))
     begin = datetime(2024, 5, 1, 12, 0, 0, tzinfo=UTC)
