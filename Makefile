@@ -80,12 +80,12 @@ bench: $(VENV)/dev.stamp
 	$(MAKE) peers
 
 peers: $(VENV)/dev.stamp
-	$(BIN)/python -m benchmarks.peers displacement --out build/peers
+	$(BIN)/python -m benchmarks.peers displacement --pairs 1 --out build/peers
 	$(BIN)/python -m benchmarks.peers network --out build/peers
-	$(BIN)/python -m benchmarks.peers location --out build/peers
-	$(BIN)/python -m benchmarks.peers poses --sets sample --out build/peers
-	$(BIN)/python -m benchmarks.bounds displacement --out build/peers
-	$(BIN)/python -m benchmarks.bounds source --out build/peers
+	$(BIN)/python -m benchmarks.peers location --draws 5 --out build/peers
+	$(BIN)/python -m benchmarks.peers poses --sets sample --rounds 1 --out build/peers
+	$(BIN)/python -m benchmarks.bounds displacement --pairs 3 --out build/peers
+	$(BIN)/python -m benchmarks.bounds source --draws 4 --out build/peers
 	$(BIN)/python -m benchmarks.bounds weak-plume --out build/peers
 	$(BIN)/python -m benchmarks.peers compare build/peers
 

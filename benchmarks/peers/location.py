@@ -1,17 +1,18 @@
 """The source from the same detections: our fusion beside ways that locate by masks.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.peers location [--draws N] [--filmed DIR] [--out DIR]
+    OMP_NUM_THREADS=1 python -m benchmarks.peers location [--draws N] [--out DIR]
+    OMP_NUM_THREADS=1 python -m benchmarks.peers location --run RUN TRUTH
 
-Detections are the spoilt true masks of `benchmarks.fusion geometry` (16 views, range 8.5 m; without
-a plume for the false ones), in peers_location.csv; and with `--filmed` those of `registered` in
-recordings that `benchmarks.reliability film` left there, in peers_location_filmed.csv. A peer takes
-the largest blob of each view; ours has the displacement and the depth of the background as well.
-Found is within 15 % of the range; anything else that is stated is false. NEES/dof is 1 where a
-covariance is right.
+Detections are the spoilt true masks of `benchmarks.fusion geometry` (16 views, range 8.5 m), and
+half as many without a plume, in peers_location.csv; or those of a finished run of a simulated
+recording, in peers_location_run.csv. A peer takes the largest blob of each view; ours has the
+displacement and the depth of the background as well. Found is within 15 % of the range; anything
+else that is stated is false. NEES/dof is 1 where a covariance is right.
 """
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,21 +20,24 @@ import numpy as np
 
 from benchmarks.common.csv_tables import DOCS, Row, write_table
 from benchmarks.common.evidence import RANGE_M, make_faulty_views, orbit_trajectory
-from benchmarks.common.filmed import Recorded
 from benchmarks.fusion.geometry import draw_views
 from benchmarks.peers.blobs import Blobs, SourceEstimate
 from benchmarks.peers.location_tally import Case, Tally
 from benchmarks.peers.particle_filter import filter_particles
 from benchmarks.peers.triangulation import triangulate_marks
 from benchmarks.peers.visual_hull import carve
-from benchmarks.reliability.recordings import scene_of
 from detect.registry import DetectorChoice
+from geometry.trajectory import Trajectory
+from locate.evaluation.alignment import align_trajectories
+from locate.evaluation.truth import SceneTruth
 from locate.fusion.fuse import fuse
 from locate.fusion.views import Views
-from locate.simulation.capture import CaptureSetup
+from locate.pipeline.detections import load_detections
+from locate.pipeline.files import RunFiles
 
 FIRST = 6300
 ARC_DEG, VIEWS = 60.0, 16
+REGISTERED = DetectorChoice.parse("registered")
 Way = Callable[[Views, float], SourceEstimate | None]
 
 
@@ -76,17 +80,16 @@ WAYS: dict[str, Way] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--filmed", type=Path, help="work folder of benchmarks.reliability")
+    parser.add_argument("--run", type=Path, nargs=2, metavar=("RUN", "TRUTH"), help="two folders")
     parser.add_argument("--out", type=Path, default=DOCS)
 
 
 def main(options: argparse.Namespace) -> None:
-    if options.filmed is None:
+    if options.run is None:
         write_table(options.out / "peers_location.csv", compare(drawn_cases(options.draws), 0.0))
     else:
-        cases = filmed_cases(options.filmed)
-        rows = compare(cases, DetectorChoice.parse("registered").clutter_nats)
-        write_table(options.out / "peers_location_filmed.csv", rows)
+        rows = compare([case_of_run(*options.run)], REGISTERED.clutter_nats)
+        write_table(options.out / "peers_location_run.csv", rows)
 
 
 def drawn_cases(draws: int) -> Iterator[Case]:
@@ -100,21 +103,17 @@ def drawn_cases(draws: int) -> Iterator[Case]:
         yield Case(views=views, source=None, range_m=RANGE_M)
 
 
-def filmed_cases(folder: Path) -> Iterator[Case]:
-    """Lossless recordings of plants, as they are there."""
-    detector = DetectorChoice.parse("registered").make()
-    for path in sorted(folder.glob("*.npz")):
-        scene = scene_of(int(path.stem))
-        sequence = Recorded.load(path, CaptureSetup(scene=scene))
-        units = sequence.inverse_depth_units.tolist()
-        found = [
-            detector.to_detection(*each) for each in zip(sequence.measurements, units, strict=True)
-        ]
-        views = Views.from_detections(found, sequence.trajectory)
-        source = np.array(scene.plumes[0].source) if scene.plumes else None
-        target = np.array(scene.path.target) if source is None else source
-        away = np.linalg.norm(sequence.trajectory.centers_in_world - target, axis=1)
-        yield Case(views=views, source=source, range_m=float(away.mean()))
+def case_of_run(run: Path, truth: Path) -> Case:
+    """The detections of a run, and the true source in the world of its map."""
+    files, scene = RunFiles(run), SceneTruth.load(truth)
+    trajectory = Trajectory.load(files.trajectory)
+    _, indices, found = load_detections(files.detections)
+    pinhole = replace(trajectory, camera=trajectory.camera.undistorted())
+    poses = pinhole.take(np.searchsorted(trajectory.indices, indices))
+    map_from_truth = align_trajectories(trajectory, scene.trajectory).truth_from_map.inverse()
+    (source,) = map_from_truth(scene.sources[:1])
+    range_m = float(np.linalg.norm(poses.centers_in_world - source, axis=1).mean())
+    return Case(views=Views.from_detections(found, poses), source=source, range_m=range_m)
 
 
 def compare(cases: Iterable[Case], clutter_nats: float) -> list[Row]:
