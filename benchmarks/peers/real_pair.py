@@ -10,6 +10,8 @@ a cross-correlation of windows of 16 px.
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.common.csv_tables import DOCS, Row, write_table
 from benchmarks.flow.pairs import BLOWTORCH, DEFAULT_DATA, STEP_PX, piv_agreement, read_piv
 from benchmarks.peers.other_flows import installed_flows
@@ -28,7 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> None:
     folder = options.data / "1_bos_pairs" / BLOWTORCH[0]
     pixels = tuple(slice(STEP_PX * cut.start, STEP_PX * (cut.stop + 1)) for cut in CUT)
-    reference, image = (read_grey(folder / name)[pixels] for name in BLOWTORCH[1:])
+    reference, image = (
+        np.ascontiguousarray(read_grey(folder / name)[pixels]) for name in BLOWTORCH[1:]
+    )
     texture = texture_of(reference)
     rows = []
     for name, flow in installed_flows().items():
