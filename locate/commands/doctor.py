@@ -70,8 +70,8 @@ def _examine(file: Path) -> None:
         f"\nA run takes about {_duration_text(took.total_s)} of processor time: frames "
         f"{took.frames_s:.0f} s, poses {took.poses_s:.0f} s, detections {took.detections_s:.0f} s, "
         f"the rest {took.rest_s:.0f} s. Reading was timed on the first frames, the rest is that of "
-        "the bundled sample by frames, pixels and the speed of this machine; twice as much is "
-        "possible.\n"
+        "the bundled sample by frames, pixels and the speed of this machine; half or twice as "
+        "much is possible.\n"
     )
     out.print(_prospect_table(recording))
 

@@ -12,8 +12,8 @@ from rich.text import Text
 
 from locate.journal.progress import Report, silent
 
-USUAL_S = {"frames": 2.0, "poses": 17.0, "detections": 15.0, "fusion": 13.0, "report": 1.5}
-"""Of each stage, what the bundled sample took, s."""
+USUAL_S = {"frames": 2.0, "poses": 8.0, "detections": 15.0, "fusion": 15.0, "report": 2.5}
+"""Of each stage, what the bundled sample takes where nothing else runs, about, s."""
 READING = "frames"
 """Takes as long as the recording is, which tells nothing of the others."""
 TRUSTED_S = 2.0

@@ -12,13 +12,13 @@ from locate.recording import Recording
 
 SAMPLE_FRAMES, SAMPLE_MEASURED = 60, 16
 SAMPLE_PIXELS = 640 * 480
-POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 17.3, 14.6, 12.6, 1.3
+POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 15.2, 29.9, 29.6, 5.3
 """CPU s of the sample's stages (docs/accuracy.md, Cost)."""
 SIFT_FACTOR = 2.2
 """Of the time of poses, where frames are tied by SIFT, as photos mostly are (docs/accuracy.md)."""
 FEATURES_SHARE = 0.2
 """Of the time of poses, what grows with the pixels: finding features."""
-REFERENCE_S = 0.045
+REFERENCE_S = 0.079
 """CPU s of `_work_once` on that machine."""
 TRIES = 5
 DECODED_FRAMES = 20
@@ -29,7 +29,7 @@ READ_TWICE = 2
 
 @dataclass(frozen=True, kw_only=True)
 class RunTime:
-    """CPU seconds of the stages of a run, about; those of others double them on a busy machine.
+    """CPU seconds of the stages of a run, about; a busy machine takes twice those of an idle one.
 
     Attributes:
         frames_s: Reading every frame and choosing.
