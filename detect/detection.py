@@ -23,10 +23,13 @@ class Frames:
         images: N grey images, (H, W) uint8; `images[i]` may decode or read a file.
         trajectory: Their N poses and the pinhole camera; None where the camera stood still or
             its motion is unknown.
+        full_size: The same frames with more pixels, undistorted, N images (H', W') of float32 grey
+            levels; None where there are none.
     """
 
     images: Sequence[GreyImage]
     trajectory: Trajectory | None = None
+    full_size: Sequence[FloatMap] | None = None
 
     def __len__(self) -> int:
         return len(self.images)

@@ -10,5 +10,7 @@ IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 FloatMap: TypeAlias = NDArray[np.float32]
 GreyImage: TypeAlias = NDArray[np.uint8]
+GreySamples: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
+"""(H, W) grey; samples of 16 bits hold 256 steps a grey level."""
 Picture: TypeAlias = NDArray[np.uint8]
 """(H, W, 3) blue, green, red, OpenCV's order; (H, W, 4) with alpha."""

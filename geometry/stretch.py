@@ -8,7 +8,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.arrays import FloatArray, GreyImage, IntArray
+from geometry.arrays import FloatArray, GreyImage, GreySamples, IntArray
 
 DeepSamples: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
 Samples: TypeAlias = NDArray[np.uint8] | DeepSamples
@@ -16,6 +16,8 @@ VALUES = 1 << 16
 """Values that a sample of 16 bits can take."""
 GREYS = 256
 """Values that a sample of 8 bits can take."""
+FINE = VALUES // GREYS
+"""Steps of a grey level that samples of 16 bits hold."""
 FEWEST_BITS, MOST_BITS = 10, 16
 """Bits that a camera with 16-bit samples uses."""
 TAIL = 0.001
@@ -129,10 +131,14 @@ class Stretch:
 
     def apply(self, image: DeepSamples) -> GreyImage:
         """The (H, W) image in 8 bits; what is no number is black."""
+        return in_8_bits(self.apply_finely(image))
+
+    def apply_finely(self, image: DeepSamples) -> NDArray[np.uint16]:
+        """The (H, W) image in `FINE` steps a grey level; what is no number is black."""
         if image.dtype == np.uint16:
-            return np.asarray(self._greys[image], dtype=np.uint8)
-        values = np.floor((image.astype(float) - self.low) / self.step)
-        return np.nan_to_num(values).clip(0, GREYS - 1).astype(np.uint8)
+            return np.asarray(self._fine_greys[image], dtype=np.uint16)
+        values = np.floor((image.astype(float) - self.low) * FINE / self.step)
+        return np.nan_to_num(values).clip(0, VALUES - 1).astype(np.uint16)
 
     def suits(self, samples: Samples) -> bool:
         """Whether it is for samples of this kind."""
@@ -144,9 +150,14 @@ class Stretch:
         return bool(outside.mean() <= CLIPPED)
 
     @cached_property
-    def _greys(self) -> NDArray[np.uint8]:
-        values = np.floor((np.arange(VALUES) - self.low) / self.step)
-        return np.asarray(values.clip(0, GREYS - 1), dtype=np.uint8)
+    def _fine_greys(self) -> NDArray[np.uint16]:
+        values = np.floor((np.arange(VALUES) - self.low) * FINE / self.step)
+        return np.asarray(values.clip(0, VALUES - 1), dtype=np.uint16)
+
+
+def in_8_bits(samples: GreySamples) -> GreyImage:
+    """The (H, W) image of whole grey levels."""
+    return np.asarray(samples if samples.dtype == np.uint8 else samples // FINE, dtype=np.uint8)
 
 
 def _trim_tails(counts: IntArray) -> tuple[int, int]:

@@ -1,3 +1,3 @@
 from benchmarks.common.commands import run
 
-run(__package__, "orbit", "special", "still", "limit")
+run(__package__, "orbit", "special", "still", "limit", "physical")

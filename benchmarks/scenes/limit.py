@@ -24,9 +24,9 @@ from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate_map
 from locate.journal.progress import silent
 from locate.map.plume import PlumeMap
-from locate.pipeline.config import RunConfig
 from locate.pipeline.decide import fuse_detections
 from locate.pipeline.detections import measure_frames
+from locate.pipeline.effort import EFFORTS
 from locate.pipeline.points import load_points
 from locate.recording import KeyFrames
 from locate.recording.posed_frames import PosedFrames
@@ -106,7 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    most = RunConfig.model_fields["detection_frames"].default
+    most = EFFORTS["usual"].detection_frames
     for seed in options.seeds:
         clean = options.work / f"clean_{seed}"
         leak = options.work / f"1px_1_{seed}"

@@ -1,4 +1,4 @@
-"""What is detected from a moving camera, by strength, number of views, arc, noise and nuisance.
+"""What is detected from a moving camera, by strength, views, arc, noise, nuisance and coding.
 
 Scenes are random plants of seeds that nothing was trained on (310000 and on), filmed on an arc in
 24 frames of 320x240 px (`--quick`) or 60 of 640x480 px. Poses are off by 0.03 degrees and 5 mm,

@@ -11,7 +11,7 @@ import numpy as np
 
 from detect.synthesis.raster import find_photos
 from locate.simulation.capture import CaptureSetup
-from locate.simulation.compression import compress_h264
+from locate.simulation.compression import compress_h264, compress_h265
 from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import NUISANCES, apply_nuisances
 from locate.simulation.scene import CameraBlock, Scene
@@ -20,7 +20,16 @@ FIRST_SEED = 310_000
 PICTURES = 4
 BITS_A_PIXEL = 1e6 / (640 * 480 * 15)
 """Of a video of 1 Mbit/s at 640x480 px and 15 frames a second."""
-CODINGS = {"h264_2mbit": 2 * BITS_A_PIXEL, "h264_8mbit": 8 * BITS_A_PIXEL}
+CODINGS = {
+    "h264_2mbit": partial(compress_h264, bits_per_pixel=2 * BITS_A_PIXEL),
+    "h264_8mbit": partial(compress_h264, bits_per_pixel=8 * BITS_A_PIXEL),
+}
+RATES = {
+    f"{name}_{bits:g}": partial(compress, bits_per_pixel=bits)
+    for name, compress in (("h264", compress_h264), ("h265", compress_h265))
+    for bits in (0.1, 0.2, 0.5)
+}
+"""Bits a pixel as phones and drones spend them."""
 MOVING = ("people", "wind", "glints")
 SPOILERS = (*[name for name in NUISANCES if name != "h264"], *CODINGS)
 
@@ -59,6 +68,7 @@ def axes(quick: bool) -> dict[str, list[Condition]]:
     return {
         "amplitude": [Condition(amplitude_px=a) for a in strengths],
         "nuisance": spoilers,
+        "coding": [Condition(nuisance=name) for name in ("", *RATES)],
         "views": [
             Condition(views=v) for v in ((1, 2, 4, 8) if quick else (1, 2, 4, 8, 16, 30, 60))
         ],
@@ -103,10 +113,9 @@ def take_of(condition: Condition, scene: Scene, photos: Path | None) -> CaptureS
             raise SystemExit(f"{photos}: {len(every)} photos of the test split, give {PICTURES}")
         chosen = rng.choice(len(every), PICTURES, replace=False)
         capture = replace(capture, photos=tuple(every[i] for i in chosen))
-    if condition.nuisance in CODINGS:
-        return replace(
-            capture, coding=partial(compress_h264, bits_per_pixel=CODINGS[condition.nuisance])
-        )
+    coding = (CODINGS | RATES).get(condition.nuisance)
+    if coding is not None:
+        return replace(capture, coding=coding)
     return apply_nuisances(capture, [condition.nuisance] if condition.nuisance else [], rng)
 
 

@@ -17,6 +17,8 @@ def label_of(axis: str, condition: Condition) -> str:
     if axis == "nuisance":
         plume = "with" if condition.amplitude_px else "without"
         return f"{condition.nuisance or 'none'}, {plume} a plume"
+    if axis == "coding":
+        return condition.nuisance or "lossless"
     values = {"amplitude": condition.amplitude_px, "noise": condition.noise,
               "arc": condition.arc_deg, "views": condition.views}  # fmt: skip
     return f"{values[axis]:g}"

@@ -1,5 +1,7 @@
 """The detector for a moving camera in a textured, static scene."""
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -117,7 +119,10 @@ class RegisteredDetector:
             )
             for row in rows
         ]
-        return Registration(frames.images[index], neighbours).measure(), inverse_depth
+        full_size = frames.full_size
+        read_full_size = None if full_size is None else partial(_take, full_size, [index, *rows])
+        registration = Registration(frames.images[index], neighbours, read_full_size)
+        return registration.measure(), inverse_depth
 
     def _typical_inverse_depth(self, frames: Frames, trajectory: Trajectory, index: int) -> float:
         if self._points_in_world is None:
@@ -129,6 +134,10 @@ class RegisteredDetector:
         if not seen.any():
             return typical_inverse_depth(frames, trajectory, index)
         return float(1 / np.median(points[seen, 2]))
+
+
+def _take(images: Sequence[FloatMap], rows: Sequence[int]) -> list[FloatMap]:
+    return [images[row] for row in rows]
 
 
 def _assemble_detection(

@@ -6,6 +6,7 @@ the displacement w, pixel by pixel; what is left is one number, ``g . w``. It is
 gradient, so places with little texture lose nothing: they say little, and count as much.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -77,16 +78,16 @@ class RegisteredFrames:
     @property
     def blurred(self) -> bool:
         """Whether half the size would show the same detail."""
-        return _usual_steepness(_halve(self.mean)) > BLURRED * _usual_steepness(self.mean)
+        return is_blurred([self.mean])
 
     def halved(self) -> Self:
         """The same at half the size, in px of that size."""
         return type(self)(
-            key=_halve(self.key),
-            neighbours=np.stack([_halve(image) for image in self.neighbours]),
-            slopes=np.stack([[_halve(part) / 2 for part in slope] for slope in self.slopes]),
-            visible=np.stack([np.round(_halve(seen)) for seen in self.visible]),
-            depth_edge_px=_halve(self.depth_edge_px / np.float32(2)),
+            key=halve(self.key),
+            neighbours=np.stack([halve(image) for image in self.neighbours]),
+            slopes=np.stack([[halve(part) / 2 for part in slope] for slope in self.slopes]),
+            visible=np.stack([np.round(halve(seen)) for seen in self.visible]),
+            depth_edge_px=halve(self.depth_edge_px / np.float32(2)),
         )
 
 
@@ -98,12 +99,12 @@ def displacement_information(frames: RegisteredFrames) -> DisplacementInformatio
     measured as they are, as half of one would not fill the cells.
     """
     if frames.key.shape[1] >= 2 * MAP_WIDTH_PX and frames.blurred:
-        return _measure_frames(frames.halved()).in_units_of(2.0)
-    return _measure_frames(frames)
+        return sum_pixels(measure_pixels(frames.halved())).in_units_of(2.0)
+    return sum_pixels(measure_pixels(frames))
 
 
-def _measure_frames(frames: RegisteredFrames) -> DisplacementInformation:
-    """In px of these frames."""
+def measure_pixels(frames: RegisteredFrames) -> DisplacementInformation:
+    """What each pixel tells, displacements in px of these frames."""
     height, width = frames.key.shape
     differences = frames.neighbours - frames.key
     for k, difference in enumerate(differences):
@@ -135,13 +136,24 @@ def _measure_frames(frames: RegisteredFrames) -> DisplacementInformation:
         precision[rows] = enough / variance
     precision /= 1 + (told * told / (steepness + 1) / MOST_PX**2) ** 2
     weighted_x, weighted_y = precision * along_x, precision * along_y
-    information = DisplacementInformation(
+    return DisplacementInformation(
         vector=cv2.merge([weighted_x * told, weighted_y * told]),
         matrix=cv2.merge([weighted_x * along_x, weighted_x * along_y, weighted_y * along_y]),
     )
+
+
+def sum_pixels(pixels: DisplacementInformation) -> DisplacementInformation:
+    """What all pixels of a frame tell, on at most `MAP_WIDTH_PX` cells along its width."""
+    height, width = pixels.matrix.shape[:2]
     factor = min(1.0, MAP_WIDTH_PX / width)
     columns, lines = round(width * factor), round(height * factor)
-    return information.summed_to(columns, lines).without_local_mean(COMMON_SHARE * columns)
+    return pixels.summed_to(columns, lines).without_local_mean(COMMON_SHARE * columns)
+
+
+def is_blurred(images: Sequence[FloatMap]) -> bool:
+    """Whether half the size would show the same detail of an image, of which these are parts."""
+    steep = sum(_usual_steepness(image) for image in images)
+    return sum(_usual_steepness(halve(image)) for image in images) > BLURRED * steep
 
 
 def _neighbour_trust(differences: FloatMap) -> FloatMap:
@@ -170,7 +182,8 @@ def _slopes(image: FloatMap) -> tuple[FloatMap, FloatMap]:
     return np.asarray(along_x), np.asarray(along_y)
 
 
-def _halve(image: FloatMap) -> FloatMap:
+def halve(image: FloatMap) -> FloatMap:
+    """The image at half its size."""
     height, width = image.shape
     return np.asarray(cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
 

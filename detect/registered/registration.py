@@ -1,6 +1,6 @@
 """The two stages that turn a frame and its registered neighbours into a displacement."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,6 +9,7 @@ import numpy as np
 from detect.differential import LeastSquaresWindow
 from detect.flow import dis_matcher
 from detect.information import DisplacementInformation
+from detect.registered.full_size import FullSizeFrames
 from detect.registered.information import RegisteredFrames, displacement_information
 from detect.registered.pose_errors import SOME, PoseErrors
 from detect.registered.robust_separation import RegisteredNeighbours, median_map, separate_robust
@@ -77,11 +78,19 @@ class Registration:
     Args:
         image: (H, W) uint8, the key frame.
         neighbours: The others, by parallax, nearest first.
+        full_size: Reads the key frame and the neighbours at full size, (H', W') grey levels each,
+            for what all pixels together tell; None: from the images above.
     """
 
-    def __init__(self, image: GreyImage, neighbours: Sequence[Neighbour]) -> None:
+    def __init__(
+        self,
+        image: GreyImage,
+        neighbours: Sequence[Neighbour],
+        full_size: Callable[[], Sequence[FloatMap]] | None = None,
+    ) -> None:
         self._image = image
         self._neighbours = neighbours
+        self._full_size = full_size
         self._y, self._x = (np.arange(n, dtype=np.float32) for n in image.shape)
         self._inverse_depth = np.ones(image.shape, np.float32)
         self._grey = image.astype(np.float32)
@@ -179,11 +188,12 @@ class Registration:
         self, poses: PoseErrors, pose_errors: FloatMap
     ) -> RegisteredNeighbours:
         count, shape = len(self._neighbours), self._image.shape
-        shifts, slopes = np.empty((2, count, 2, *shape), np.float32)
+        flows, shifts, slopes = np.empty((3, count, 2, *shape), np.float32)
         visible, misfits, images = np.empty((3, count, *shape), np.float32)
         for rows in row_bands(len(self._y)):
             flow, slopes[:, :, rows] = self._predict_flow(rows)
             flow += poses.error_fields(pose_errors, rows)
+            flows[:, :, rows] = flow
             visible[:, rows] = self._visible_mask(flow, self._x, self._y[rows])
             np.add(flow[:, 0], self._x, out=shifts[:, 0, rows])
             np.add(flow[:, 1], self._y[rows, None], out=shifts[:, 1, rows])
@@ -193,7 +203,12 @@ class Registration:
             np.clip(shift, -MAX_RESIDUAL_PX, MAX_RESIDUAL_PX, out=shifts[k])
             misfits[k] = blur((images[k] - self._grey) ** 2, WINDOW_PX)
         return RegisteredNeighbours(
-            images=images, shifts=shifts, slopes=slopes, visible=visible, misfits=misfits
+            images=images,
+            flows=flows,
+            shifts=shifts,
+            slopes=slopes,
+            visible=visible,
+            misfits=misfits,
         )
 
     def _second_stage(self, registered: RegisteredNeighbours, first: FloatMap) -> Measurement:
@@ -218,15 +233,27 @@ class Registration:
             texture=self._texture,
             relative_inverse_depth=self._inverse_depth,
             depth_edge_px=depth_edge_px,
-            information=displacement_information(
-                RegisteredFrames(
-                    key=self._grey,
-                    neighbours=registered.images,
-                    slopes=registered.slopes,
-                    visible=registered.visible,
-                    depth_edge_px=depth_edge_px,
-                )
-            ),
+            information=self._information(registered, depth_edge_px),
+        )
+
+    def _information(
+        self, registered: RegisteredNeighbours, depth_edge_px: FloatMap
+    ) -> DisplacementInformation:
+        if self._full_size is not None:
+            return FullSizeFrames(
+                images=self._full_size(),
+                flows=registered.flows,
+                slopes=registered.slopes,
+                depth_edge_px=depth_edge_px,
+            ).measure()
+        return displacement_information(
+            RegisteredFrames(
+                key=self._grey,
+                neighbours=registered.images,
+                slopes=registered.slopes,
+                visible=registered.visible,
+                depth_edge_px=depth_edge_px,
+            )
         )
 
     def _without_drift(self, displacement: FloatMap, seen: FloatMap) -> FloatMap:

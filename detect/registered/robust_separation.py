@@ -15,6 +15,7 @@ class RegisteredNeighbours:
 
     Attributes:
         images: (N, H, W) grey levels.
+        flows: (N, 2, H, W) from the key frame into each, as they were brought, px.
         shifts: (N, 2, H, W) how far they still are from it, px.
         slopes: (N, 2, H, W) px per unit of relative inverse depth.
         visible: (N, H, W) where each is seen, 0 or 1.
@@ -22,6 +23,7 @@ class RegisteredNeighbours:
     """
 
     images: FloatMap
+    flows: FloatMap
     shifts: FloatMap
     slopes: FloatMap
     visible: FloatMap

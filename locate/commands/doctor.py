@@ -47,27 +47,20 @@ def doctor(
 
 
 def _examine(file: Path) -> None:
-    from locate.messages.bags import is_bag
     from locate.pipeline.config import RunConfig
-    from locate.planning.duration import estimate_run_time
+    from locate.pipeline.source import RecordingSource
+    from locate.planning.duration import duration_text, estimate_run_time
     from locate.planning.file_facts import odd_things, recording_facts
-    from locate.recording import open_recording
-    from locate.recording.bag import BagRecording
 
     usual = RunConfig(recording=file)
-    if is_bag(file):
-        recording = BagRecording(path=file).open_recording(max_side=usual.max_side)
-    else:
-        recording = open_recording(file, max_side=usual.max_side, one_camera=True)
+    recording = RecordingSource.of(usual).open_frames()
     out.print()
-    out.print(_two_columns(str(file), recording_facts(recording, max_side=usual.max_side)))
-    took = estimate_run_time(
-        recording, max_frames=usual.max_frames, detection_frames=usual.detection_frames
-    )
+    out.print(_two_columns(str(file), recording_facts(recording)))
+    took = estimate_run_time(recording, usual.amounts)
     for odd in odd_things(recording):
         out.print(f"- {odd}", soft_wrap=True)
     out.print(
-        f"\nA run takes about {_duration_text(took.total_s)} of processor time: frames "
+        f"\nA run takes about {duration_text(took.total_s)} of processor time: frames "
         f"{took.frames_s:.0f} s, poses {took.poses_s:.0f} s, detections {took.detections_s:.0f} s, "
         f"the rest {took.rest_s:.0f} s. Reading was timed on the first frames, the rest is that of "
         "the bundled sample by frames, pixels and the speed of this machine; half or twice as "
@@ -106,7 +99,3 @@ def _prospect_table(recording: "Recording") -> Table:
     for name, values in strengths_px(size, focal_px, coding).items():
         table.add_row(name, *(f"{value:.3f}" for value in values))
     return table
-
-
-def _duration_text(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"

@@ -61,7 +61,12 @@ def plan(
         str, typer.Option(help="Of the frames, px.", rich_help_panel=CAMERA)
     ] = "1920x1080",
     max_side: Annotated[
-        int, typer.Option(min=64, help="As of locate run.", rich_help_panel=CAMERA)
+        int,
+        typer.Option(
+            min=64,
+            help="Longest side that px are counted in; the evidence of pixels is of 1280.",
+            rich_help_panel=CAMERA,
+        ),
     ] = 1280,
     coding: Annotated[
         Literal["lossless", "video"],

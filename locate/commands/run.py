@@ -15,18 +15,20 @@ from locate.journal.log import log_to_file
 from locate.journal.progress import Report, silent
 from locate.journal.whole_run import run_bar
 from locate.pipeline.config import DetectorName, Lens, RunConfig, read_settings
+from locate.pipeline.effort import EFFORTS, Effort
 
 RECORDING = "Recording: locate run film.mp4 -o out --shot 2 --max-frames 60"
 CAMERA = "Camera and poses: locate run film.mp4 -o out --focal 1450"
 PLACE = "Scale and place: locate run film.mp4 -o out --telemetry flight.srt"
 BAG = "Bags: locate run robot.mcap -o out --image-topic /camera/image_raw"
-MEASUREMENT = "Measurement: locate run film.mp4 -o out --detection-frames 32"
+MEASUREMENT = "Measurement: locate run film.mp4 -o out --effort thorough --neighbours 12"
 AGAIN = "With another setting: locate run --config out/config.yaml --seed 1 -o again"
 
 
 if TYPE_CHECKING:
     from locate.map.plume import PlumeMap
     from locate.pipeline.files import RunFiles
+    from locate.pipeline.run import Run
 
 Force = Annotated[bool, typer.Option("--force", help="Do every stage again.")]
 
@@ -55,6 +57,11 @@ def _usual(setting: str) -> str:
     return str(RunConfig.model_fields[setting].default)
 
 
+def _by_effort(setting: str) -> str:
+    """What a setting is of each effort."""
+    return ", ".join(f"{getattr(amounts, setting)} {name}" for name, amounts in EFFORTS.items())
+
+
 def run(
     output: Output,
     recording: Annotated[
@@ -72,7 +79,7 @@ def run(
         typer.Option(
             min=2,
             help="The most frames to use.",
-            show_default=_usual("max_frames"),
+            show_default=_by_effort("max_frames"),
             rich_help_panel=RECORDING,
         ),
     ] = None,
@@ -80,8 +87,8 @@ def run(
         int | None,
         typer.Option(
             min=64,
-            help="Frames whose longest side is more px are shrunk to it.",
-            show_default=_usual("max_side"),
+            help="Frames whose longest side is more px are shrunk to it; for poses to 1280 px.",
+            show_default=_by_effort("max_side"),
             rich_help_panel=RECORDING,
         ),
     ] = None,
@@ -183,12 +190,29 @@ def run(
         Path | None,
         typer.Option(help=WEIGHTS, rich_help_panel=MEASUREMENT),
     ] = None,
+    effort: Annotated[
+        Effort | None,
+        typer.Option(
+            help="How much is looked at; the time foreseen is said.",
+            show_default=_usual("effort"),
+            rich_help_panel=MEASUREMENT,
+        ),
+    ] = None,
     detection_frames: Annotated[
         int | None,
         typer.Option(
             min=1,
             help="In how many frames refraction is measured; twice takes twice as long.",
-            show_default=_usual("detection_frames"),
+            show_default=_by_effort("detection_frames"),
+            rich_help_panel=MEASUREMENT,
+        ),
+    ] = None,
+    neighbours: Annotated[
+        int | None,
+        typer.Option(
+            min=2,
+            help="With how many other frames each of these is compared.",
+            show_default=_by_effort("neighbours"),
             rich_help_panel=MEASUREMENT,
         ),
     ] = None,
@@ -213,7 +237,7 @@ def run(
         int | None,
         typer.Option(
             min=1,
-            help="Processes that measure side by side; else as many as there are cores.",
+            help="Processes that measure side by side, fewer of large frames; else one a core.",
             show_default=False,
         ),
     ] = None,
@@ -244,7 +268,9 @@ def run(
         "shot": shot,
         "max_frames": max_frames,
         "max_side": max_side,
+        "effort": effort,
         "detection_frames": detection_frames,
+        "neighbours": neighbours,
         "seed": seed,
         "overlay": overlay,
     }
@@ -290,6 +316,8 @@ def _run(
         from locate.pipeline.run import Run
 
         job = Run(config, output, force=force, report=report, jobs=jobs or count_cores())
+        if shown is not Shown.QUIET and not as_json:
+            _print_foreseen(job)
         with log_to_file(
             files.log,
             console=None if shown is Shown.QUIET else err,
@@ -300,6 +328,12 @@ def _run(
         typer.echo(files.map.read_text().rstrip())
     elif shown is not Shown.QUIET:
         _print_answer(plume_map, files)
+
+
+def _print_foreseen(job: "Run") -> None:
+    from locate.planning.duration import describe_run
+
+    err.print(describe_run(job.config, job.source.open_frames()), soft_wrap=True)
 
 
 def _print_answer(plume_map: "PlumeMap", files: "RunFiles") -> None:

@@ -1,6 +1,7 @@
 """The settings of a run."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -11,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from geometry.errors import BadInputError, first_complaint
 from geometry.printable import printable
 from geometry.yaml_text import parse_yaml
+from locate.pipeline.effort import EFFORTS, Amounts, Effort
 
 SCHEMA = "locate.run/1"
 BESIDE = ("schema", "version")
@@ -43,9 +45,12 @@ class RunConfig(BaseModel):
         board: A printed board of markers in the scene; it sets the scale.
         distance: A JSON file with the distance of two points of the scene; it sets the scale.
         shot: Of a video with cuts, the shot to use, from 1; the longest if left out.
+        effort: How much is looked at, where the next four do not say so.
         max_frames: The most frames that are used.
-        max_side: Frames larger than this (px) are shrunk to it.
+        max_side: Frames larger than this (px) are shrunk to it; poses, and the evidence of single
+            pixels, are of frames of at most 1280 px.
         detection_frames: In how many of them refraction is measured.
+        neighbours: With how many others each of these is compared.
         overlay: Write overlay.mp4, the frames in a row with what was found; for recordings up to a
             minute if left out.
         seed: Of the random choices after structure from motion, whose own is fixed.
@@ -75,11 +80,20 @@ class RunConfig(BaseModel):
     board: str | None = None
     distance: Path | None = None
     shot: int | None = Field(default=None, ge=1)
-    max_frames: int = Field(default=120, ge=2)
-    max_side: int = Field(default=1280, ge=64)
-    detection_frames: int = Field(default=16, ge=1)
+    effort: Effort = "usual"
+    max_frames: int | None = Field(default=None, ge=2)
+    max_side: int | None = Field(default=None, ge=64)
+    detection_frames: int | None = Field(default=None, ge=1)
+    neighbours: int | None = Field(default=None, ge=2)
     overlay: bool | None = None
     seed: int = Field(default=0, ge=0)
+
+    @property
+    def amounts(self) -> Amounts:
+        """How much is looked at: as given, else as of the effort."""
+        asked = {name: getattr(self, name) for name in Amounts.__dataclass_fields__}
+        given = {name: value for name, value in asked.items() if value is not None}
+        return replace(EFFORTS[self.effort], **given)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any], *, where: str = "") -> Self:

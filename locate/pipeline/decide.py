@@ -64,6 +64,8 @@ def write_map(
     plume_map = placement.with_uncertainty(plume_map)
     if plume_map.answer is Answer.NOT_JUDGED:
         plume_map = replace(plume_map, obstacles=(*foreseen, *plume_map.obstacles))
+    else:
+        notes = (*notes, *(obstacle.why for obstacle in foreseen))
     notes = (*plume_map.notes, *placement.notes, *notes)
     plume_map = replace(plume_map, notes=tuple(map(printable, notes)))
     plume_map.save(target.map)

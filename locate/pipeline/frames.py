@@ -37,4 +37,7 @@ def write_key_frames(
     )
     key_frames.save(target.frame_index)
     motion = "camera at rest" if key_frames.static else "moving camera"
-    return f"{len(key_frames)} of {key_frames.width}x{key_frames.height} px, {motion}"
+    size = f"{key_frames.width}x{key_frames.height} px"
+    full = key_frames.full_size
+    at_full_size = "" if full is None else f", all pixels at {full[0]}x{full[1]} px"
+    return f"{len(key_frames)} of {size}{at_full_size}, {motion}"

@@ -9,6 +9,7 @@ from geometry.trajectory import Trajectory
 from locate.fusion.limit import AMPLITUDES_PX
 from locate.map.answer import Cause, Obstacle
 from locate.map.plume import Plume
+from locate.recording import KeyFrames
 
 ONE_VIEWPOINT = (
     "The camera stood still: one viewpoint gives directions to plumes, not positions, and what "
@@ -51,6 +52,17 @@ def map_notes(
     unit_name = "m" if trajectory.metric else "scene units"
     notes += [hidden_note(plume, unit_name) for plume in plumes if plume.source_hidden]
     return tuple(notes)
+
+
+def full_size_notes(key_frames: KeyFrames) -> tuple[str, ...]:
+    """At which size what was measured, where that is not one size."""
+    full = key_frames.full_size
+    if full is None:
+        return ()
+    return (
+        f"Poses and the evidence of single pixels are of frames of {key_frames.width}x"
+        f"{key_frames.height} px, what all pixels tell together of {full[0]}x{full[1]} px.",
+    )
 
 
 def empty_frames_notes(

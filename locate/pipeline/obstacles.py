@@ -53,8 +53,8 @@ def foreseen_obstacles(key_frames: KeyFrames) -> tuple[Obstacle, ...]:
         found.append(
             Obstacle(
                 cause=Cause.COARSE_CODING,
-                why=f"The video is coded with {bits:.2g} bits a pixel: small displacements are "
-                "lost.",
+                why=f"The video is coded ({key_frames.codec}) with {bits:.2g} bits a pixel of "
+                f"{key_frames.width}x{key_frames.height}: small displacements are lost.",
                 remedy=f"Film at the highest bit rate, {FINE_CODING:g} bits a pixel or more, or "
                 "take photos; give the camera's own file, not one that a program sent on.",
             )

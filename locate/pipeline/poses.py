@@ -136,6 +136,7 @@ def frames_with_poses(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:
         indices=trajectory.indices,
         camera=trajectory.camera,
         trajectory=trajectory,
+        full_size=key_frames.full_size,
     )
 
 

@@ -1,6 +1,7 @@
 """The stage that shows: the map as files for other programs and as a report for people."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,7 @@ def publish(
             write(target.root / name, plume_map)
     _, indices, detections = load_detections(files.detections)
     measured = dict(zip(posed.rows_of(indices).tolist(), detections, strict=True))
-    recording = source.open_frames(source.config.max_side)
+    recording = source.open_frames()
     if wants_overlay(source.config.overlay, key_frames):
         write_overlay(
             target.overlay,
@@ -96,7 +97,8 @@ def publish(
             voxels_in_world=voxels[:, :3],
             voxel_probability=voxels[:, 3],
         )
-    settings = source.config.to_plain() | {"version": __version__}
+    config = source.config
+    settings = config.to_plain() | asdict(config.amounts) | {"version": __version__}
     write_report(
         target.report,
         plume_map=plume_map,

@@ -18,6 +18,7 @@ from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
 from locate.pipeline.left_out import left_out_notes
+from locate.pipeline.map_notes import full_size_notes
 from locate.pipeline.obstacles import foreseen_obstacles
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
@@ -113,7 +114,7 @@ class Run:
                     self._measure(plan, share)
 
     def _choose_frames(self) -> KeyFrames:
-        recording = self.source.open_frames(self.config.max_side)
+        recording = self.source.open_frames()
         self.folder.save_config(self.config.to_plain())
         at_rest = self._may_rest and self.folder.is_done(
             "frames", inputs=self._frame_inputs(at_rest=True), code=(frames,)
@@ -134,7 +135,7 @@ class Run:
             build=lambda folder: frames.write_key_frames(
                 recording,
                 RunFiles(folder),
-                max_frames=self.config.max_frames,
+                max_frames=self.config.amounts.max_frames,
                 at_rest=at_rest,
                 shot=self.config.shot,
                 report=self._report,
@@ -158,7 +159,7 @@ class Run:
             if not self._may_rest or error.failure is not RegistrationFailure.STATIC_CAMERA:
                 raise
             # The frames were chosen as of a moving camera.
-            recording = self.source.open_frames(self.config.max_side)
+            recording = self.source.open_frames()
             return self._plan_at_rest(self._write_frames(recording, at_rest=True))
         return MeasurementPlan(
             key_frames=key_frames,
@@ -195,14 +196,17 @@ class Run:
         )
 
     def _measure(self, plan: MeasurementPlan, share: tuple[int, int] | None = None) -> None:
+        amounts = self.config.amounts
+
         def build(folder: Path) -> str:
             make = partial(
                 registry.make_detector,
                 plan.detector.name,
+                neighbours=amounts.neighbours,
                 points_in_world=load_points(self.files.points),
                 weights=self.config.weights,
             )
-            target, most = RunFiles(folder).detections, self.config.detection_frames
+            target, most = RunFiles(folder).detections, amounts.detection_frames
             if share is None:
                 return measure_side_by_side(
                     plan.posed, make, target, most=most, jobs=self._jobs, report=self._report
@@ -213,7 +217,8 @@ class Run:
 
         inputs: dict[str, Any] = {
             "detector": plan.detector.name,
-            "frames": self.config.detection_frames,
+            "frames": amounts.detection_frames,
+            "neighbours": amounts.neighbours,
             "camera": plan.posed.camera.to_dict(),
         }
         weights = plan.detector.weight_files(self.config.weights)
@@ -227,6 +232,7 @@ class Run:
         at_rest = plan.posed.trajectory is None
         notes = (
             *self.source.focal_notes(plan.key_frames, at_rest=at_rest),
+            *full_size_notes(plan.key_frames),
             *left_out_notes(plan.key_frames, plan.posed.indices, given=self.source.has_given_poses),
         )
         self.folder.stage(

@@ -12,6 +12,10 @@ from locate.recording.posed_frames import PosedFrames
 
 FEWEST_FRAMES = 4
 """A process of its own starts for so many frames at least; chosen by hand."""
+MOST_BYTES = 3_000_000_000
+"""Memory that all processes together may hold where frames are measured at full size; chosen."""
+OWN_BYTES, BYTES_PER_PIXEL = 600_000_000, 110
+"""What one holds, and what it holds more for each pixel at full size (docs/weak_plumes.md)."""
 MakeDetector = Callable[[], Detector]
 
 
@@ -26,7 +30,8 @@ def measure_side_by_side(
 ) -> str:
     """Does what `measure_frames` does, by at most `jobs` processes of which this is one.
 
-    A camera at rest is left to one, as each would take out its shaking again.
+    A camera at rest is left to one, as each would take out its shaking again. At full size there
+    are so many that they hold `MOST_BYTES` together.
 
     Args:
         posed: The frames.
@@ -40,7 +45,8 @@ def measure_side_by_side(
         ChildProcessError: Another one was ended.
     """
     frames = min(most, len(posed.names))
-    count = 1 if posed.trajectory is None else max(1, min(jobs, frames // FEWEST_FRAMES))
+    count = max(1, min(jobs, frames // FEWEST_FRAMES, affordable_jobs(posed.full_size, jobs)))
+    count = 1 if posed.trajectory is None else count
     detector = make()
     if count > 1:
         with ExitStack() as others:
@@ -64,6 +70,14 @@ def measure_side_by_side(
                 wait()
         report = silent
     return measure_frames(posed, detector, folder, most=most, report=report)
+
+
+def affordable_jobs(full_size: tuple[int, int] | None, jobs: int) -> int:
+    """So many processes, or fewer for frames of that width and height at full size, px."""
+    if full_size is None:
+        return jobs
+    each = OWN_BYTES + BYTES_PER_PIXEL * full_size[0] * full_size[1]
+    return max(1, min(jobs, MOST_BYTES // each))
 
 
 def measure_share(

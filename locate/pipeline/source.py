@@ -15,9 +15,11 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.recording import KeyFrames, Recording, open_recording
 from locate.recording.bag import BagRecording
-from locate.recording.recording import ANY_SIDE
+from locate.recording.recording import DEFAULT_MAX_SIDE
 from locate.telemetry import telemetry_candidates
 
+USE_FULL_SIZE = ("auto", "registered", "registered-plain")
+"""Detectors that make use of frames at full size."""
 BAG_OPTIONS = ("image_topic", "pose_topic", "world_frame")
 
 
@@ -57,15 +59,23 @@ class RecordingSource:
         source._refuse_lens_of_known_camera()
         return source
 
-    def open_frames(self, max_side: int) -> Recording:
-        """The frames, none longer than `max_side` px.
+    def open_frames(self) -> Recording:
+        """The frames, at the size of poses and at full size.
 
         Raises:
             BadInputError: They cannot be read.
         """
+        max_side = min(self.config.amounts.max_side, DEFAULT_MAX_SIDE)
         if self.bag is not None:
-            return self.bag.open_recording(max_side=max_side)
-        return open_recording(self.config.recording, max_side=max_side, one_camera=True)
+            return self.bag.open_recording(max_side=max_side, full_side=self._full_side)
+        return open_recording(
+            self.config.recording, max_side=max_side, full_side=self._full_side, one_camera=True
+        )
+
+    @property
+    def _full_side(self) -> int | None:
+        """Longest side of what is kept at full size, px; None where no detector makes use of it."""
+        return self.config.amounts.max_side if self.config.detector in USE_FULL_SIZE else None
 
     def known_camera(self, key_frames: KeyFrames) -> Camera | None:
         """The camera of the key frames, where the user or the bag gave one."""
@@ -85,8 +95,7 @@ class RecordingSource:
         """The focal length in px of the key frames, as given or by metadata."""
         if self.config.focal_px is None:
             return key_frames.focal_prior_px
-        own_width = self.open_frames(ANY_SIDE).width
-        return self.config.focal_px * key_frames.width / own_width
+        return self.config.focal_px * key_frames.width / self.open_frames().source_width
 
     def given_poses(self, key_frames: KeyFrames) -> NamedPoses | None:
         """The poses of the user's file or of the bag."""
@@ -120,8 +129,9 @@ class RecordingSource:
         config = self.config
         inputs: dict[str, Any] = {
             "recording": fingerprint_path(config.recording),
-            "max_frames": config.max_frames,
-            "max_side": config.max_side,
+            "max_frames": config.amounts.max_frames,
+            "max_side": config.amounts.max_side,
+            "full_side": self._full_side,
             "shot": config.shot,
         }
         return inputs if self.bag is None else inputs | {"image_topic": config.image_topic}

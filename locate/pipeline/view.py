@@ -76,8 +76,7 @@ def _source(files: RunFiles) -> RecordingSource:
 def _pictures(files: RunFiles, posed: PosedFrames) -> Iterator[Picture]:
     """The frames in colour, or grey as the run kept them where its recording is gone."""
     try:
-        source = _source(files)
-        recording = source.open_frames(source.config.max_side)
+        recording = _source(files).open_frames()
     except BadInputError:
         for grey in posed.undistorted().images:
             yield np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)

@@ -8,12 +8,18 @@ import cv2
 import numpy as np
 
 from detect.flow import dis_matcher
+from locate.pipeline.config import RunConfig
+from locate.pipeline.effort import Amounts
 from locate.recording import Recording
 
-SAMPLE_FRAMES, SAMPLE_MEASURED = 60, 16
+SAMPLE_FRAMES, SAMPLE_MEASURED, SAMPLE_NEIGHBOURS = 60, 16, 8
 SAMPLE_PIXELS = 640 * 480
 POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 15.2, 29.9, 29.6, 5.3
 """CPU s of the sample's stages (docs/accuracy.md, Cost)."""
+FULL_SIZE_S = 5.0
+"""What the sample would take if all its pixels were measured at full size once more, CPU s."""
+COMPARED_SHARE = 0.7
+"""Of the time of detections, what grows with the neighbours."""
 SIFT_FACTOR = 2.2
 """Of the time of poses, where frames are tied by SIFT, as photos mostly are (docs/accuracy.md)."""
 FEATURES_SHARE = 0.2
@@ -49,7 +55,25 @@ class RunTime:
         return self.frames_s + self.poses_s + self.detections_s + self.rest_s
 
 
-def estimate_run_time(recording: Recording, *, max_frames: int, detection_frames: int) -> RunTime:
+def describe_run(config: RunConfig, recording: Recording) -> str:
+    """What a run will look at, and how long that takes, in one line.
+
+    Raises:
+        BadInputError: The frames cannot be read.
+    """
+    took = estimate_run_time(recording, config.amounts)
+    return (
+        f"Effort {config.effort}: {config.amounts.describe()}; "
+        f"about {duration_text(took.total_s)} of processor time."
+    )
+
+
+def duration_text(seconds: float) -> str:
+    """A length of time in a word or two."""
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
+def estimate_run_time(recording: Recording, amounts: Amounts) -> RunTime:
     """What a run of this recording would take on this machine.
 
     Reading is timed on the first frames. The other stages are those of the bundled sample, by
@@ -59,17 +83,23 @@ def estimate_run_time(recording: Recording, *, max_frames: int, detection_frames
     Raises:
         BadInputError: The frames cannot be read.
     """
-    count = recording.expected_frames or max_frames
-    kept = min(count, max_frames)
+    count = recording.expected_frames or amounts.max_frames
+    kept = min(count, amounts.max_frames)
+    measured = min(kept, amounts.detection_frames)
     pixels = recording.width * recording.height / SAMPLE_PIXELS
+    full_pixels = recording.full_width * recording.full_height / SAMPLE_PIXELS
+    compared = amounts.neighbours / SAMPLE_NEIGHBOURS
+    full_s = FULL_SIZE_S * full_pixels * compared if recording.has_full_size else 0.0
     speed = min(_timed(_work_once) for _ in range(TRIES)) / REFERENCE_S
     tying = 1.0 if recording.is_video else SIFT_FACTOR
     growth = 1 + FEATURES_SHARE * (pixels - 1)
     return RunTime(
         frames_s=READ_TWICE * count * _seconds_a_frame(recording),
         poses_s=speed * tying * POSES_S * kept / SAMPLE_FRAMES * growth,
-        detections_s=speed * DETECTIONS_S * min(kept, detection_frames) / SAMPLE_MEASURED * pixels,
-        rest_s=speed * (FUSION_S + REPORT_S),
+        detections_s=speed
+        * (measured / SAMPLE_MEASURED)
+        * (DETECTIONS_S * pixels * (COMPARED_SHARE * compared + 1 - COMPARED_SHARE) + full_s),
+        rest_s=speed * (FUSION_S * measured / SAMPLE_MEASURED + REPORT_S),
     )
 
 

@@ -13,16 +13,15 @@ SLOW_FPS = 10.0
 Fact = tuple[str, str]
 
 
-def recording_facts(recording: Recording, *, max_side: int) -> Iterator[Fact]:
-    """What the file states of its frames: quantity and value."""
+def recording_facts(recording: Recording) -> Iterator[Fact]:
+    """What the file states of its frames, and their size in a run: quantity and value."""
     yield "frames", str(recording.expected_frames or "a number that the file does not state")
-    size = f"{recording.source_width}x{recording.source_height} px"
-    longest = max(recording.source_width, recording.source_height)
-    yield "size", f"{size}, reduced to {max_side} px" if longest > max_side else size
+    yield "size", _describe_sizes(recording)
+    if recording.coding is not None:
+        yield from _video_facts(recording.path)
     bits = recording.bits_per_pixel
     if bits is not None:
-        yield from _video_facts(recording.path)
-        yield "coded with", f"{bits:.2f} bits for each pixel that is measured"
+        yield "coded with", f"{bits:.2f} bits a pixel of {recording.width}x{recording.height}"
     prior = recording.focal
     if prior is None:
         yield "focal length", "not stated; it is estimated, or give --focal or --camera"
@@ -38,10 +37,10 @@ def odd_things(recording: Recording) -> Iterator[str]:
     yield from recording.warnings
     if 0 < recording.expected_frames < FEWEST_FRAMES:
         yield (f"only {recording.expected_frames} frames; walk round the place and take 60 or more")
-    bits = recording.bits_per_pixel
-    if bits is None:
+    if recording.coding is None:
         return
-    if bits < FINE_CODING:
+    bits = recording.bits_per_pixel
+    if bits is not None and bits < FINE_CODING:
         yield (
             f"coded with {bits:.2f} bits a pixel, which hides weak plumes; record with the "
             "highest rate, or photos"
@@ -62,6 +61,14 @@ def describe_telemetry(path: Path) -> str:
         where = "its own" if candidate == path else candidate.name
         return f"{where}, {int(track.has_position.sum())} positions"
     return "none found; --telemetry names a log"
+
+
+def _describe_sizes(recording: Recording) -> str:
+    own = f"{recording.source_width}x{recording.source_height} px"
+    full = f"{recording.full_width}x{recording.full_height} px"
+    working = f"{recording.width}x{recording.height} px"
+    reduced = own if full == own else f"{own}, reduced to {full}"
+    return reduced if working == full else f"{reduced}, for poses to {working}"
 
 
 def _video_facts(path: Path) -> Iterator[Fact]:

@@ -14,15 +14,14 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.refraction import AMBIENT_TEMPERATURE_K, lever_px, refractivity
 from geometry.rising_plume import RisingPlume
-from locate.pipeline.config import RunConfig
+from locate.pipeline.effort import EFFORTS
 
 Coding = Literal["lossless", "video"]
 STEP_SHARE = WANTED_PARALLAX[0] / 2
 """Parallax from one frame to the next, over the width, that gives neighbours on both sides."""
 HEIGHTS = 400
 """At how many the displacement is computed."""
-MEASURED_FRAMES: int = RunConfig.model_fields["detection_frames"].default
-MOST_FRAMES: int = RunConfig.model_fields["max_frames"].default
+MEASURED_FRAMES, MOST_FRAMES = EFFORTS["usual"].detection_frames, EFFORTS["usual"].max_frames
 """Frames in which a run measures, and the most that it takes, where nothing else is asked."""
 NEEDED_PX: dict[Coding, float] = {"lossless": 0.1, "video": 0.3}
 """Strength of which about half or more were found (docs/plan.md)."""

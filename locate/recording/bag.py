@@ -17,6 +17,7 @@ from locate.messages.stamps import NS_PER_S
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
 from locate.recording.bag_images import BagImages
+from locate.recording.recording import reduced_size
 
 WAITING_NS = 10 * NS_PER_S
 """Images wait this long for a pose (chosen)."""
@@ -36,24 +37,28 @@ class BagRecording:
     topics: TopicChoice = field(default_factory=TopicChoice)
     wiring: Wiring = field(default_factory=Wiring)
 
-    def open_recording(self, *, max_side: int) -> Recording:
+    def open_recording(self, *, max_side: int, full_side: int | None = None) -> Recording:
         """The frames, as those of a video.
 
         Args:
             max_side: Longer images are reduced to this many px on the longest side.
+            full_side: The same of what is kept at full size; None: `max_side`.
 
         Raises:
             BadInputError: It is no bag, or holds no images that can be read.
         """
         first, stretch = self._images.read_first(), self._images.stretch
         height, width = first.shape
-        factor = min(1.0, max_side / max(height, width))
+        working = reduced_size(width, height, max_side)
+        full = reduced_size(width, height, full_side or max_side)
         warnings = [f"{self.path.name}: {stretch.note}"] if stretch is not None else []
         return Recording(
             path=self.path,
             photos=(),
-            width=round(width * factor),
-            height=round(height * factor),
+            width=working[0],
+            height=working[1],
+            full_width=full[0],
+            full_height=full[1],
             source_width=width,
             source_height=height,
             focal=None,

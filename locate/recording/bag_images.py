@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.arrays import GreyImage
+from geometry.arrays import GreySamples
 from geometry.errors import BadInputError
 from geometry.stretch import DeepSamples, Stretch, deep_samples
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
@@ -59,7 +59,7 @@ class BagImages:
         """When an image was taken, ns; when it was recorded, where the images are not stamped."""
         return read_stamp_ns(header_of(message)) if self.has_stamps else time_ns
 
-    def read_first(self) -> GreyImage:
+    def read_first(self) -> GreySamples:
         """The first image that can be read.
 
         Raises:

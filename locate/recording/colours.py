@@ -66,7 +66,8 @@ def _coloured_photos(
     for position, (index, photo) in enumerate(zip(places, recording.photos, strict=True)):
         picture = _read_colour(photo) if index in indices else None
         if picture is not None:
-            yield index, turn_image(picture, recording.turns.get(position, 0))
+            turned = turn_image(picture, recording.turns.get(position, 0))
+            yield index, np.asarray(turned, dtype=np.uint8)
 
 
 def _read_colour(photo: Path) -> Picture | None:

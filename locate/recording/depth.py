@@ -9,7 +9,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.arrays import GreyImage
+from geometry.arrays import GreySamples
 from geometry.errors import BadInputError
 from geometry.stretch import MOST_BITS, DeepSamples, Stretch, deep_samples
 from locate.recording.formats import DEEP_SUFFIXES
@@ -43,11 +43,12 @@ def spread_rows(count: int) -> list[int]:
     return [int(row) for row in np.linspace(0, count - 1, min(count, SAMPLED)).round()]
 
 
-def grey_of_frame(frame: av.VideoFrame, stretch: Stretch | None) -> GreyImage:
-    """The (H, W) image of a decoded frame, its deep samples stretched."""
-    if stretch is None or not _is_deep(frame):
+def grey_of_frame(frame: av.VideoFrame, stretch: Stretch | None) -> GreySamples:
+    """The (H, W) image of a decoded frame, as deep as it is, deep samples stretched."""
+    if not _is_deep(frame):
         return np.asarray(frame.to_ndarray(format="gray"), dtype=np.uint8)
-    return stretch.apply(_deep_grey(frame))
+    deep = _deep_grey(frame)
+    return deep if stretch is None else stretch.apply_finely(deep)
 
 
 def _deep_photos(paths: Sequence[Path]) -> Iterator[DeepSamples]:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from av.sidedata.sidedata import Type
 
-from geometry.arrays import FloatArray, GreyImage
+from geometry.arrays import FloatArray, GreySamples
 
 MAX_ASPECT = 8
 """Pixels longer than this, over their other side, are an error in the file."""
@@ -37,7 +37,7 @@ class PictureGeometry:
             aspect = Fraction(1)
         return cls(aspect=aspect, shown_from_stored=_display_matrix(frame))
 
-    def show(self, image: GreyImage) -> GreyImage:
+    def show(self, image: GreySamples) -> GreySamples:
         """The picture: enlarged to square pixels, then turned by quarters and flipped.
 
         Args:
@@ -45,14 +45,13 @@ class PictureGeometry:
         """
         size = self._square_size(image)
         if size != (image.shape[1], image.shape[0]):
-            larger = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)
-            image = np.asarray(larger, dtype=np.uint8)
+            image = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)
         quarter = _nearest_quarter(self.shown_from_stored)
         if quarter[0, 0] == 0:
             image, quarter = image.swapaxes(0, 1), quarter[:, ::-1]
-        return np.ascontiguousarray(image[:: int(quarter[1, 1]), :: int(quarter[0, 0])])
+        return image[:: int(quarter[1, 1]), :: int(quarter[0, 0])].copy(order="C")
 
-    def describe(self, image: GreyImage) -> list[str]:
+    def describe(self, image: GreySamples) -> list[str]:
         """Notes on a stored image whose shape or sides are shown otherwise; none on quarters."""
         notes = []
         (width, height), stored = self._square_size(image), (image.shape[1], image.shape[0])
@@ -72,7 +71,7 @@ class PictureGeometry:
             notes.append("its display matrix turns by no quarter turn; the nearest one was taken")
         return notes
 
-    def _square_size(self, image: GreyImage) -> tuple[int, int]:
+    def _square_size(self, image: GreySamples) -> tuple[int, int]:
         height, width = image.shape[:2]
         return round(width * max(self.aspect, 1)), round(height / min(self.aspect, 1))
 

@@ -13,6 +13,8 @@ from geometry.errors import BadInputError, first_complaint
 from geometry.json_text import parse_json
 
 FRAMES_SCHEMA = "locate.frames/1"
+FULL_SIZE = "full"
+"""Folder beside the images, of the same frames at full size, under the same names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +50,15 @@ class KeyFrames:
         frames: In order of their index.
         width: Of the written images, px.
         height: Of the written images, px.
+        full_width: Of the images in `FULL_SIZE`, px; None where there are none.
+        full_height: Likewise.
         is_video: False for a folder of photos.
         static: The camera did not move.
         focal_prior_px: Focal length from metadata in px of the written images, or None.
         focal_source: Where that was found.
         bits_per_pixel: What a video file spends on each pixel of the written images; None for
-            other recordings.
+            other recordings, and where its codec loses nothing.
+        codec: Of a video file; None for other recordings.
         warnings: What is wrong with the recording without making it useless.
     """
 
@@ -65,10 +70,20 @@ class KeyFrames:
     focal_prior_px: FiniteFloat | None = None
     focal_source: str | None = None
     bits_per_pixel: FiniteFloat | None = None
+    codec: str | None = None
+    full_width: PositiveInt | None = None
+    full_height: PositiveInt | None = None
     warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @property
+    def full_size(self) -> tuple[int, int] | None:
+        """Width and height of the images in `FULL_SIZE`, px; None where there are none."""
+        if self.full_width is None or self.full_height is None:
+            return None
+        return self.full_width, self.full_height
 
     @property
     def names(self) -> list[str]:

@@ -7,7 +7,9 @@ import cv2
 import numpy as np
 
 from geometry.arrays import FloatArray, GreyImage, IntArray
-from locate.recording.index import KeyFrame, KeyFrames
+from geometry.disk_space import check_space
+from locate.recording.images import write_png
+from locate.recording.index import FULL_SIZE, KeyFrame, KeyFrames
 from locate.recording.motion import make_thumbnail, median_motion
 from locate.recording.recording import Recording
 from locate.recording.watching import THUMBNAIL_SIDE, Progress, watch_recording
@@ -32,6 +34,8 @@ def select_frames(
     progress: Progress | None = None,
 ) -> KeyFrames:
     """Chooses key frames and writes them as grey PNG files ``folder/{index:06d}.png``.
+
+    Of a moving camera, what the recording holds beyond the working size goes to `FULL_SIZE`.
 
     A video is thinned to `target_motion` between neighbours, photos are all kept; beyond
     `max_frames` the kept ones are spread evenly over the path of the image motion. A recording by
@@ -67,7 +71,8 @@ def select_frames(
         motions = [1.0 if by_motion else frame.motion_px for frame in wanted]
         chosen = _spread_evenly(wanted, np.cumsum(motions), max_frames)
         thinned = _note_thinned(recording, len(wanted), len(chosen))
-    kept = _write_frames(recording, chosen, folder, progress)
+    full = recording.has_full_size and not still
+    kept = _write_frames(recording, chosen, folder, progress, full=full)
     return KeyFrames(
         frames=tuple(kept),
         width=recording.width,
@@ -77,6 +82,9 @@ def select_frames(
         focal_prior_px=recording.focal_prior_px,
         focal_source=recording.focal.source if recording.focal else None,
         bits_per_pixel=recording.bits_per_pixel,
+        codec=None if recording.coding is None else recording.coding.codec,
+        full_width=recording.full_width if full else None,
+        full_height=recording.full_height if full else None,
         warnings=(*recording.warnings, *watched.notes, *thinned),
     )
 
@@ -119,9 +127,17 @@ def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFr
 
 
 def _write_frames(
-    recording: Recording, chosen: list[KeyFrame], folder: Path, progress: Progress | None
+    recording: Recording,
+    chosen: list[KeyFrame],
+    folder: Path,
+    progress: Progress | None,
+    *,
+    full: bool,
 ) -> list[KeyFrame]:
     folder.mkdir(parents=True, exist_ok=True)
+    if full:
+        (folder / FULL_SIZE).mkdir(exist_ok=True)
+        check_space(folder, len(chosen) * recording.full_size_bytes)
     wanted = {frame.index: frame for frame in chosen}
     written: list[KeyFrame] = []
     previous: GreyImage | None = None
@@ -132,6 +148,8 @@ def _write_frames(
         key = wanted[frame.index]
         _, encoded = cv2.imencode(".png", frame.image)
         (folder / key.name).write_bytes(encoded.tobytes())
+        if full:
+            write_png(folder / FULL_SIZE / key.name, recording.full_size(frame))
         thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
         motion_px = 0.0 if previous is None else median_motion(previous, thumb) * scale
         written.append(replace(key, motion_px=motion_px))

@@ -13,7 +13,8 @@ from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.stretch import Stretch
 from geometry.trajectory import Trajectory
-from locate.recording.images import FrameImages
+from locate.recording.images import FrameImages, FullSizeImages
+from locate.recording.index import FULL_SIZE
 from locate.recording.keyframes import CLOSELY_S
 from locate.recording.motion import median_motion
 
@@ -30,6 +31,8 @@ class PosedFrames:
         trajectory: Its N poses; None where it was at rest.
         times_s: (N,) when each was taken; None where that is not known, as of photos.
         stretch: Of the recording, where the images are its own files of 16 bits.
+        full_size: Width and height of the same frames in the folder `FULL_SIZE`, px; None where
+            there are none.
     """
 
     folder: Path
@@ -39,6 +42,7 @@ class PosedFrames:
     trajectory: Trajectory | None = None
     times_s: FloatArray | None = None
     stretch: Stretch | None = None
+    full_size: tuple[int, int] | None = None
 
     def undistorted(self) -> Frames:
         """The frames, undistorted, with the pinhole camera that would have taken them so.
@@ -47,7 +51,11 @@ class PosedFrames:
         """
         if self.trajectory is None:
             return Frames(images=self.steady())
-        return Frames(images=self._images(), trajectory=self.undistorted_trajectory())
+        return Frames(
+            images=self._images(),
+            trajectory=self.undistorted_trajectory(),
+            full_size=self._full_size_images(),
+        )
 
     def steady(self) -> SteadyImages:
         """The frames of a camera at rest, undistorted and without its shaking."""
@@ -56,6 +64,12 @@ class PosedFrames:
     def _images(self) -> FrameImages:
         paths = [self.folder / name for name in self.names]
         return FrameImages(paths, self.camera, self.stretch)
+
+    def _full_size_images(self) -> FullSizeImages | None:
+        if self.full_size is None:
+            return None
+        paths = [self.folder / FULL_SIZE / name for name in self.names]
+        return FullSizeImages(paths, self.camera, self.full_size)
 
     def undistorted_trajectory(self) -> Trajectory | None:
         """The poses with the pinhole camera of the undistorted frames."""

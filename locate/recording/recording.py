@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from geometry.arrays import GreyImage
+from geometry.arrays import GreyImage, GreySamples
 from geometry.errors import BadInputError
 from geometry.image_files import refuse_streams
-from geometry.stretch import Stretch
+from geometry.stretch import FINE, VALUES, Stretch, in_8_bits
 from locate.recording.depth import stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
 from locate.recording.formats import PHOTO_SUFFIXES
@@ -20,8 +21,9 @@ from locate.recording.photo_groups import keep_one_camera
 from locate.recording.stack import TiffStack
 from locate.recording.video import (
     NamedImage,
-    bits_per_frame,
+    VideoCoding,
     first_video_image,
+    read_coding,
     read_video_header,
     video_images,
 )
@@ -34,12 +36,21 @@ ANY_SIDE = 1 << 30
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """One decoded frame: (H, W) uint8 at the working size."""
+    """One decoded frame.
+
+    Attributes:
+        index: In the recording.
+        time_s: From its start.
+        source: Name of the file.
+        image: (H, W) uint8 at the working size.
+        samples: (H', W') at the recording's own size, as deep as they are.
+    """
 
     index: int
     time_s: float
     source: str
     image: GreyImage
+    samples: GreySamples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +62,9 @@ class Recording:
         photos: The photos in natural order; empty for a video.
         width: Working width, px.
         height: Working height, px.
+        full_width: Width at which pixels are kept beside the working size, px.
+        full_height: Likewise.
+        deep: The samples have more than 8 bits.
         source_width: Width of the recorded images, px.
         source_height: Height of the recorded images, px.
         focal: Focal length from metadata, or None.
@@ -67,9 +81,12 @@ class Recording:
     photos: tuple[Path, ...]
     width: int
     height: int
+    full_width: int
+    full_height: int
     source_width: int
     source_height: int
     focal: FocalPrior | None
+    deep: bool = False
     expected_frames: int = 0
     stretch: Stretch | None = None
     warnings: list[str] = field(default_factory=list)
@@ -87,12 +104,43 @@ class Recording:
         """Focal length from metadata, px at the working size."""
         return None if self.focal is None else self.focal.relative * max(self.width, self.height)
 
+    @cached_property
+    def coding(self) -> VideoCoding | None:
+        """How a video file is coded; None for others."""
+        return read_coding(self.path) if self.is_video and self.read is None else None
+
     @property
     def bits_per_pixel(self) -> float | None:
-        """What a video file spends on each pixel at the working size; None for others."""
-        if not self.is_video or self.read is not None:
+        """What a video file spends on each pixel at the working size.
+
+        None for others, and for codecs that lose nothing.
+        """
+        if self.coding is None or not self.coding.loses:
             return None
-        return bits_per_frame(self.path) / (self.width * self.height)
+        return self.coding.bits_per_frame / (self.width * self.height)
+
+    @property
+    def has_full_size(self) -> bool:
+        """Whether `full_size` holds more than the images of the working size."""
+        larger = (self.full_width, self.full_height) != (self.width, self.height)
+        return larger or self.deep
+
+    @property
+    def full_size_bytes(self) -> int:
+        """What `full_size` of a frame takes at most, without the head of a file."""
+        full = (self.full_width, self.full_height)
+        as_recorded = full == (self.source_width, self.source_height)
+        return full[0] * full[1] * (1 if as_recorded and not self.deep else 2)
+
+    def full_size(self, frame: Frame) -> GreySamples:
+        """The (H', W') samples of a frame at full size; nothing is rounded to 8 bits."""
+        samples, size = frame.samples, (self.full_width, self.full_height)
+        if samples.shape == size[::-1]:
+            return samples
+        levels = samples.astype(np.float32)
+        steps = levels * FINE if samples.dtype == np.uint8 else levels
+        reduced = cv2.resize(steps, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(np.rint(reduced).clip(0, VALUES - 1), dtype=np.uint16)
 
     def frames(self) -> Iterator[Frame]:
         """Yields every frame in order; one frame is in memory at a time.
@@ -113,7 +161,8 @@ class Recording:
                 index=place,
                 time_s=float(place) if self.photo_indices else time_s,
                 source=name,
-                image=self._at_working_size(image),
+                image=self._at_working_size(in_8_bits(image)),
+                samples=image,
             )
 
     def _source_images(self) -> Iterator[NamedImage]:
@@ -135,7 +184,11 @@ class Recording:
 
 
 def open_recording(
-    path: Path, *, max_side: int = DEFAULT_MAX_SIDE, one_camera: bool = False
+    path: Path,
+    *,
+    max_side: int = DEFAULT_MAX_SIDE,
+    full_side: int | None = None,
+    one_camera: bool = False,
 ) -> Recording:
     """Opens a video, a folder of photos or a photo.
 
@@ -143,6 +196,7 @@ def open_recording(
         path: A video file, or a photo (`PHOTO_SUFFIXES`), or a folder of photos. A TIFF file of
             several pages is a video.
         max_side: Longer images are reduced to this many px on the longest side.
+        full_side: The same of what is kept at full size; None: `max_side`.
         one_camera: Of photos by several lenses, zooms or of several sizes, take the largest group;
             a warning says so.
 
@@ -159,7 +213,7 @@ def open_recording(
     if path.is_dir() or is_photo:
         photos, warnings = ((path,), []) if is_photo else list_photos(path)
         if len(photos) == 1 and is_stack(photos[0]):
-            return _open_stack(photos[0], max_side, warnings)
+            return _open_stack(photos[0], max_side, full_side or max_side, warnings)
         warnings += note_further_pages(photos)
         if one_camera:
             kept = keep_one_camera(photos)
@@ -179,15 +233,19 @@ def open_recording(
         focal = focal_of_video(metadata)
         stretch = stretch_of_video(path)
     height, width = first.shape
-    factor = min(1.0, max_side / max(height, width))
+    working = reduced_size(width, height, max_side)
+    full = reduced_size(width, height, full_side or max_side)
     return Recording(
         path=path,
         photos=photos,
-        width=round(width * factor),
-        height=round(height * factor),
+        width=working[0],
+        height=working[1],
+        full_width=full[0],
+        full_height=full[1],
         source_width=width,
         source_height=height,
         focal=focal,
+        deep=first.dtype == np.uint16,
         expected_frames=expected_frames,
         stretch=stretch,
         photo_indices=photo_indices,
@@ -196,22 +254,32 @@ def open_recording(
     )
 
 
-def _open_stack(path: Path, max_side: int, warnings: list[str]) -> Recording:
+def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
+    """Width and height of an image whose longest side is reduced to `max_side` px, if longer."""
+    factor = min(1.0, max_side / max(height, width))
+    return round(width * factor), round(height * factor)
+
+
+def _open_stack(path: Path, max_side: int, full_side: int, warnings: list[str]) -> Recording:
     stack = TiffStack(path)
     stretch = stack.stretch
     _, _, first = next(stack.read([]))
     height, width = first.shape
-    factor = min(1.0, max_side / max(height, width))
+    working = reduced_size(width, height, max_side)
+    full = reduced_size(width, height, full_side)
     if stretch is not None:
         warnings.append(f"{path.name}: {stretch.note}")
     return Recording(
         path=path,
         photos=(),
-        width=round(width * factor),
-        height=round(height * factor),
+        width=working[0],
+        height=working[1],
+        full_width=full[0],
+        full_height=full[1],
         source_width=width,
         source_height=height,
         focal=focal_of_photo(path),
+        deep=first.dtype == np.uint16,
         expected_frames=stack.count,
         stretch=stretch,
         warnings=warnings,
@@ -219,9 +287,11 @@ def _open_stack(path: Path, max_side: int, warnings: list[str]) -> Recording:
     )
 
 
-def turn_image(image: GreyImage, quarters: int) -> GreyImage:
+def turn_image(image: GreySamples, quarters: int) -> GreySamples:
     """The image turned counterclockwise by so many quarter turns."""
-    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image
+    for _ in range(quarters % 4):
+        image = image.swapaxes(0, 1)[::-1]
+    return image.copy(order="C") if quarters % 4 else image
 
 
 def _photo_images(

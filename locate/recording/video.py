@@ -9,7 +9,7 @@ import av
 import numpy as np
 
 from geometry import MOST_PIXELS
-from geometry.arrays import GreyImage, Picture
+from geometry.arrays import GreySamples, Picture
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
 from locate.recording.depth import grey_of_frame
@@ -24,7 +24,7 @@ MISSING_TAIL_S = 0.5
 """Missing end of a video from which on it counts as truncated."""
 GAP = 2.5
 """Step between two frames, over the usual one, from which on some may be missing; chosen."""
-NamedImage = tuple[float, str, GreyImage]
+NamedImage = tuple[float, str, GreySamples]
 UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 
 
@@ -78,15 +78,36 @@ def read_video_header(path: Path) -> tuple[dict[str, str], int]:
         return container.metadata | stream.metadata, max(0, count)
 
 
-def bits_per_frame(path: Path) -> float:
-    """What the first frames of a video are coded with on average; 0 where there are none."""
+@dataclass(frozen=True, kw_only=True)
+class VideoCoding:
+    """How a video is coded.
+
+    Attributes:
+        codec: Its name, as FFmpeg knows it.
+        loses: Whether it can lose anything.
+        bits_per_frame: Mean over the first frames; 0 where there are none.
+    """
+
+    codec: str
+    loses: bool
+    bits_per_frame: float
+
+
+def read_coding(path: Path) -> VideoCoding:
+    """How a video is coded, by its stream and its first frames."""
     with open_video(path) as container:
-        packets = islice(container.demux(picture_stream(container)), CODED_FRAMES)
+        stream = picture_stream(container)
+        packets = islice(container.demux(stream), CODED_FRAMES)
         sizes = [packet.size for packet in packets if packet.size]
-    return 8 * sum(sizes) / max(1, len(sizes))
+        codec = stream.codec_context.codec
+        return VideoCoding(
+            codec=codec.name,
+            loses=codec.lossy,
+            bits_per_frame=8 * sum(sizes) / max(1, len(sizes)),
+        )
 
 
-def first_video_image(path: Path) -> GreyImage:
+def first_video_image(path: Path) -> GreySamples:
     """The first frame.
 
     Raises:
@@ -161,7 +182,8 @@ def video_pictures(path: Path, indices: Collection[int]) -> Iterator[tuple[int, 
         for index, frame in enumerate(frames):
             if index in indices:
                 stored = np.asarray(frame.to_ndarray(format="bgr24"), dtype=np.uint8)
-                yield index, PictureGeometry.of(frame, stream).show(stored)
+                shown = PictureGeometry.of(frame, stream).show(stored)
+                yield index, np.asarray(shown, dtype=np.uint8)
 
 
 @dataclass(kw_only=True)

@@ -1,6 +1,6 @@
 """What storing frames does to them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,36 +23,43 @@ def compress_h264(
     images: Sequence[GreyImage], fps: float, *, bits_per_pixel: float
 ) -> list[GreyImage]:
     """The frames as an H.264 video of that mean rate, from an encoder with a steady hand."""
-    rate = str(_bit_rate(images, fps, bits_per_pixel))
-    options = {"b": rate, "maxrate": rate, "bufsize": rate, "threads": "1"}
-    return _store(images, fps, H264, options)
+    return _store(images, fps, H264, bits_per_pixel)
 
 
 def compress_h265(
     images: Sequence[GreyImage], fps: float, *, bits_per_pixel: float
 ) -> list[GreyImage]:
     """Likewise as H.265."""
-    rate = _bit_rate(images, fps, bits_per_pixel)
-    steady = f"vbv-maxrate={rate // 1000}:vbv-bufsize={rate // 1000}"
-    threads = "pools=none:frame-threads=1:log-level=error"
-    return _store(images, fps, H265, {"b": str(rate), "x265-params": f"{steady}:{threads}"})
+    return _store(images, fps, H265, bits_per_pixel)
 
 
-def _bit_rate(images: Sequence[GreyImage], fps: float, bits_per_pixel: float) -> int:
-    """Bits a second."""
-    return round(bits_per_pixel * images[0].size * fps)
+def write_coded(
+    path: Path, images: Sequence[GreyImage], fps: float, *, codec: str, bits_per_pixel: float
+) -> None:
+    """Writes the frames as a video of that mean rate, by `H264` or `H265`."""
+    height, width = images[0].shape
+    options = _rate_options(codec, round(bits_per_pixel * images[0].size * fps))
+    with open_video(path, size=(width, height), fps=fps, codec=codec, options=options) as file:
+        for image in images:
+            file.write(image)
+
+
+def _rate_options(codec: str, rate: int) -> dict[str, str]:
+    """For so many bits a second."""
+    if codec == H265:
+        steady = f"vbv-maxrate={rate // 1000}:vbv-bufsize={rate // 1000}"
+        threads = "pools=none:frame-threads=1:log-level=error"
+        return {"b": str(rate), "x265-params": f"{steady}:{threads}"}
+    return {"b": str(rate), "maxrate": str(rate), "bufsize": str(rate), "threads": "1"}
 
 
 def _store(
-    images: Sequence[GreyImage], fps: float, codec: str, options: Mapping[str, str]
+    images: Sequence[GreyImage], fps: float, codec: str, bits_per_pixel: float
 ) -> list[GreyImage]:
     """The frames after they were coded and decoded."""
-    height, width = images[0].shape
     with TemporaryDirectory() as folder:
         path = Path(folder) / "video.mp4"
-        with open_video(path, size=(width, height), fps=fps, codec=codec, options=options) as file:
-            for image in images:
-                file.write(image)
+        write_coded(path, images, fps, codec=codec, bits_per_pixel=bits_per_pixel)
         with av.open(str(path)) as stored:
             frames = (frame.to_ndarray(format="gray") for frame in stored.decode(video=0))
             return [np.asarray(frame, dtype=np.uint8) for frame in frames]

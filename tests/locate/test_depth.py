@@ -175,15 +175,18 @@ def test_flat_video_of_many_bits_is_stretched(
 
 
 @pytest.mark.parametrize("kind", ["gray16le", "gray10le", "yuv420p10le"])
-def test_video_that_uses_its_range_is_shown_as_ever(tmp_path: Path, kind: str) -> None:
+def test_video_that_uses_its_range_keeps_all_its_bits(tmp_path: Path, kind: str) -> None:
     most = 65535 if kind == "gray16le" else 1023
     images = [np.rint(most * (0.1 + 0.8 * scene(2 * i))).astype(np.uint16) for i in range(6)]
     path = write_deep_video(tmp_path / "v.mkv", images, kind)
     recording = open_recording(path)
     with av.open(str(path)) as container:
-        expected = [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
-    for frame, image in zip(recording.frames(), expected, strict=True):
-        np.testing.assert_array_equal(frame.image, image)
+        decoded = list(container.decode(video=0))
+    for frame, stored in zip(recording.frames(), decoded, strict=True):
+        deep = stored.to_ndarray(format="gray16le")
+        np.testing.assert_array_equal(recording.full_size(frame), deep)
+        np.testing.assert_array_equal(frame.image, deep >> 8)
+    assert recording.has_full_size
     assert recording.warnings == []
 
 

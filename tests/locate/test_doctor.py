@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from geometry.errors import BadInputError
 from locate.commands.app import app
+from locate.pipeline.effort import EFFORTS
 from locate.planning import duration, installed
 from locate.planning.duration import estimate_run_time
 from locate.planning.file_facts import odd_things
@@ -73,11 +74,7 @@ def test_what_is_odd_is_said(tmp_path: Path) -> None:
 
 def test_a_run_of_more_takes_longer() -> None:
     recording = open_recording(SAMPLE_VIDEO)
-    few, many = (
-        estimate_run_time(recording, max_frames=frames, detection_frames=measured)
-        for frames, measured in ((15, 4), (60, 16))
-    )
-    assert few.poses_s < many.poses_s
+    few, many = (estimate_run_time(recording, EFFORTS[effort]) for effort in ("quick", "thorough"))
     assert few.detections_s < many.detections_s
     total = many.frames_s + many.poses_s + many.detections_s + many.rest_s
     assert many.total_s == pytest.approx(total)
@@ -95,8 +92,7 @@ def test_poses_of_photos_take_longer_than_those_of_a_video(
             cv2.imwrite(str(photos / f"{number}.png"), image)
             writer.write(image)
     by_sift, by_tracks = (
-        estimate_run_time(open_recording(path), max_frames=3, detection_frames=1)
-        for path in (photos, video)
+        estimate_run_time(open_recording(path), EFFORTS["usual"]) for path in (photos, video)
     )
     assert by_sift.poses_s == pytest.approx(duration.SIFT_FACTOR * by_tracks.poses_s)
 

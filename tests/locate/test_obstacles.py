@@ -1,3 +1,4 @@
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -6,8 +7,9 @@ import pytest
 from detect.detection import Detection
 from locate.map.answer import Cause
 from locate.pipeline.obstacles import foreseen_obstacles, measured_obstacles
-from locate.recording import KeyFrames
+from locate.recording import KeyFrames, open_recording
 from locate.recording.index import KeyFrame
+from locate.recording.writer import H264, H265, LOSSLESS, open_video
 
 Causes = list[Cause]
 
@@ -45,6 +47,28 @@ def key_frames(count: int = 60, motion: float = 0.02, **changes: Any) -> KeyFram
 )
 def test_obstacles_are_foreseen_in_the_frames(recorded: KeyFrames, causes: Causes) -> None:
     assert [one.cause for one in foreseen_obstacles(recorded)] == causes
+
+
+def test_coarse_coding_is_named_with_its_codec() -> None:
+    (coarse,) = foreseen_obstacles(key_frames(bits_per_pixel=0.12, codec="hevc"))
+    assert "(hevc) with 0.12 bits a pixel of 640x480" in coarse.why
+
+
+@pytest.mark.parametrize(("codec", "loses"), [(LOSSLESS, False), (H264, True), (H265, True)])
+def test_how_a_video_is_coded_is_read_from_it(tmp_path: Path, codec: str, loses: bool) -> None:
+    path = tmp_path / "film.mkv"
+    with open_video(path, size=(96, 64), fps=10, codec=codec) as writer:
+        for i in range(5):
+            writer.write(np.full((64, 96), 40 * i, np.uint8))
+    recording = open_recording(path)
+    assert recording.coding is not None
+    assert recording.coding.codec == {LOSSLESS: "ffv1", H264: "h264", H265: "hevc"}[codec]
+    packets = path.stat().st_size * 8
+    if loses:
+        assert recording.bits_per_pixel is not None
+        assert 0 < recording.bits_per_pixel < packets / (96 * 64)
+    else:
+        assert recording.bits_per_pixel is None
 
 
 def detection(judged: float) -> Detection:

@@ -1,6 +1,7 @@
 """Settings of a run: as options, and as the file that a run writes."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ from geometry.errors import BadInputError
 from locate.commands import run as run_command
 from locate.commands.app import app
 from locate.pipeline.config import RunConfig, read_settings
+from locate.pipeline.effort import EFFORTS
 from locate.pipeline.run_folder import RunFolder
 
-OF_THE_COMMAND = {"output", "config", "force", "as_json", "quiet", "verbose", "help"}
+OF_THE_COMMAND = {"output", "config", "force", "as_json", "quiet", "verbose", "help", "jobs"}
 """Options of `locate run` that change nothing of the map."""
 
 
@@ -61,7 +63,8 @@ FULL = RunConfig(
     shot=2,
     max_frames=60,
     max_side=1920,
-    detection_frames=32,
+    effort="thorough",
+    neighbours=12,
     seed=3,
 )
 
@@ -80,10 +83,21 @@ def test_options_become_settings(started: list[RunConfig]) -> None:
     result = typed(
         *("film.mp4", "-o", "out", "--detector", "registered-plain", "--focal", 1450),
         *("--telemetry-offset", -0.5, "--shot", 2, "--max-frames", 60, "--max-side", 1920),
-        *("--detection-frames", 32, "--seed", 3),
+        *("--effort", "thorough", "--neighbours", 12, "--seed", 3),
     )
     assert result.exit_code == 0, result.output
     assert started == [FULL]
+
+
+def test_effort_decides_what_is_not_given(tmp_path: Path, started: list[RunConfig]) -> None:
+    thorough = FULL.amounts
+    assert (thorough.max_frames, thorough.max_side, thorough.neighbours) == (60, 1920, 12)
+    assert thorough.detection_frames == EFFORTS["thorough"].detection_frames
+    RunFolder(tmp_path / "out").save_config(FULL.to_plain())
+    written = tmp_path / "out" / "config.yaml"
+    typed("--config", written, "--effort", "quick", "-o", tmp_path / "again")
+    assert started[0].amounts == replace(thorough, detection_frames=10)
+    assert RunConfig(recording=Path("film.mp4")).amounts == EFFORTS["usual"]
 
 
 def test_without_a_recording_it_says_what_to_give(started: list[RunConfig]) -> None:

@@ -10,7 +10,7 @@ import pytest
 from detect.detection import Detection, Frames
 from geometry.errors import BadInputError
 from locate.pipeline.detections import load_detections
-from locate.pipeline.side_by_side import FEWEST_FRAMES, measure_side_by_side
+from locate.pipeline.side_by_side import FEWEST_FRAMES, affordable_jobs, measure_side_by_side
 from locate.recording.images import write_png
 from locate.recording.posed_frames import PosedFrames
 from tests.simulated_evidence import orbit_trajectory
@@ -87,3 +87,13 @@ def test_what_one_process_cannot_do_is_raised(posed: PosedFrames, tmp_path: Path
     with pytest.raises(BadInputError, match="frame 4: broken"):
         measure(posed, tmp_path / "out", 2, broken=4)
     assert not (tmp_path / "out" / "index.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("full_size", "jobs", "affordable"),
+    [(None, 16, 16), ((1920, 1080), 16, 3), ((1920, 1080), 2, 2), ((3840, 2160), 16, 1)],
+)
+def test_frames_at_full_size_are_measured_by_as_many_as_memory_holds(
+    full_size: tuple[int, int] | None, jobs: int, affordable: int
+) -> None:
+    assert affordable_jobs(full_size, jobs) == affordable
