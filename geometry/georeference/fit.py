@@ -88,10 +88,8 @@ def _check_strength(solution: SimilarityFit, constraints: Sequence[Constraint]) 
             if any(isinstance(c, UpConstraint) for c in constraints)
             else "give gravity (gimbal angles, the ground plane) or fly a path with a turn"
         )
-        raise BadInputError(
-            f"{names}: the direction of up and north is known only to {np.degrees(turn):.0f} deg; "
-            + cure
-        )
+        known = f"known only to {np.degrees(turn):.0f} deg" if turn < np.pi / 2 else "not known"
+        raise BadInputError(f"{names}: the direction of up and north is {known}; {cure}")
     scale = float(standard_deviations(covariance)[6])
     if not scale < MAX_SCALE_SIGMA:
         raise BadInputError(

@@ -165,7 +165,8 @@ def _map_and_verify(job: MappingJob) -> _MappedModel:
         difference = _compare_models(models[0], subset[0])
         if difference.is_tolerable and _epipolar_support(models[0], job) >= checks.MIN_SUPPORT:
             return _MappedModel(model=models[0], method="global", difference=difference)
-        reasons.append(f"global and subset differ by {difference.center_share:.0%} of the path")
+        share = f"{difference.center_share:.0%} of the path"
+        reasons.append(f"mapping all frames at once and some one by one differ by {share}")
     full = subset if complete else _map_incrementally(job, job.names)
     if full and _registered_share(full[0], job) >= checks.MIN_SHARE:
         reference = models if complete else subset
@@ -174,7 +175,7 @@ def _map_and_verify(job: MappingJob) -> _MappedModel:
         needed = checks.MIN_SUPPORT if difference.is_tolerable else checks.MIN_SUPPORT_ALONE
         if support >= needed and (difference.is_tolerable or complete):
             return _MappedModel(model=full[0], method="incremental", difference=difference)
-        reasons.append(f"incremental and {'global' if complete else 'subset'} differ too")
+        reasons.append("mapping all one by one differs as well")
     raise _failure_of(job, full or models, reasons)
 
 

@@ -29,9 +29,13 @@ def map_table(plume_map: PlumeMap) -> Table:
 
 
 def advice_lines(plume_map: PlumeMap) -> Iterator[str]:
-    """Why nothing could be judged, and what to film instead; nothing where something was."""
-    for obstacle in plume_map.obstacles:
-        yield f"- {obstacle.why}"
+    """What to film instead where nothing could be judged, and what else is in the way.
+
+    The first obstacle is named in `PlumeMap.limit_text`.
+    """
+    for number, obstacle in enumerate(plume_map.obstacles):
+        if number:
+            yield f"- {obstacle.why}"
         yield f"  Instead: {obstacle.remedy[0].lower()}{obstacle.remedy[1:]}"
 
 

@@ -62,15 +62,15 @@ def select_frames(
     """
     watched = watch_recording(recording, target_motion, progress, shot=shot)
     every, spaced, still = watched.frames, watched.spaced, at_rest or watched.still
-    thinned: list[str] = []
     if still:
+        wanted = every
         chosen = _at_rest(every, max_frames, in_time=recording.is_video)
     else:
         by_motion = recording.is_video and len(spaced) >= MIN_KEY_FRAMES
         wanted = spaced if by_motion else every
         motions = [1.0 if by_motion else frame.motion_px for frame in wanted]
         chosen = _spread_evenly(wanted, np.cumsum(motions), max_frames)
-        thinned = _note_thinned(recording, len(wanted), len(chosen))
+    thinned = _note_thinned(recording, len(wanted), len(chosen), still=still)
     full = recording.has_full_size and not still
     kept = _write_frames(recording, chosen, folder, progress, full=full)
     return KeyFrames(
@@ -89,10 +89,15 @@ def select_frames(
     )
 
 
-def _note_thinned(recording: Recording, wanted: int, chosen: int) -> list[str]:
-    """What the most frames leave out of a moving camera's recording."""
+def _note_thinned(recording: Recording, wanted: int, chosen: int, *, still: bool) -> list[str]:
+    """What the most frames leave out of a recording."""
     if chosen == wanted:
         return []
+    if still and recording.is_video:
+        return [
+            f"{recording.path.name}: {chosen} of {wanted} frames by a camera at rest are used; a "
+            "larger --max-frames uses more"
+        ]
     what = "frames that its motion asks for" if recording.is_video else "photos"
     return [
         f"{recording.path.name}: {chosen} of {wanted} {what} are used, spread evenly; "

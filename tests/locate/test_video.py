@@ -132,6 +132,7 @@ def test_half_of_a_long_still_video_is_kept_in_a_row(tmp_path: Path) -> None:
     gaps_s = np.diff(kept.times_s)
     assert np.count_nonzero(gaps_s <= 0.12) >= 19
     assert gaps_s.max() < 3 * 240 / 15 / 40
+    assert "40 of 240 frames by a camera at rest are used" in kept.warnings[0]
 
 
 def test_shaking_tripod_is_not_lost(tmp_path: Path) -> None:
