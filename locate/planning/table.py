@@ -13,6 +13,8 @@ from locate.planning.plan import (
     Plan,
 )
 
+IN_A_FRAME = 0.9, 1.9
+"""What single frames of simulated turbulent plumes showed, over what was planned (docs/plan.md)."""
 PRECEDENTS: dict[str, tuple[tuple[float, str], ...]] = {
     "lossless": (
         (1.0, "20 of 20 simulated leaks of this strength were found"),
@@ -48,6 +50,8 @@ def plan_rows(plan: Plan) -> Iterator[tuple[str, str]]:
     yield "lever", f"{view.lever_px / 1000:.3f} px per mrad"
     yield "n at the source, less the air's", f"{plan.source.index_difference(1.0):+.2e}"
     yield "strength", f"{plan.strength_px:.3f} px; {NEEDED_PX[plan.coding]:g} px are wanted"
+    low, high = IN_A_FRAME
+    yield "in a single frame", f"{low:g} to {high:g} times that, where the plume is turbulent"
     yield "so far", precedent(plan)
     yield "measure in", _measure_text(plan)
     yield (
