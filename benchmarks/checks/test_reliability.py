@@ -1,5 +1,6 @@
 """The benchmark of stated probabilities counts what it says."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -7,43 +8,55 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.common.evidence import (
-    ColumnTruth,
-    make_faulty_views,
-    orbit_trajectory,
-    random_column,
+from benchmarks.common.evidence import orbit_trajectory
+from benchmarks.reliability.answers import TruePlume, axis_of
+from benchmarks.reliability.outcomes import (
+    Candidate,
+    RecordingOutcome,
+    Share,
+    StatedPlume,
+    binned,
+    calibration_error,
 )
-from benchmarks.reliability.answers import TruePlume, axis_of, draw_null, strongest_column
-from benchmarks.reliability.outcomes import NO_COLUMN, RecordingOutcome, Share, Stated, binned
-from benchmarks.reliability.picture import along, picture, row
-from benchmarks.reliability.recordings import FLOWS, SEEDS, flow_of, scene_of
-from benchmarks.reliability.tables import found_over_limit, log_loss, report
+from benchmarks.reliability.picture import picture, row
+from benchmarks.reliability.recordings import (
+    CONDITIONS,
+    FLOWS,
+    SEEDS,
+    capture_of,
+    condition_of,
+    flow_of,
+    is_held_out,
+    leak_of,
+)
+from benchmarks.reliability.tables import fitted, found_over_limit, report
 from benchmarks.survey.sightings import plume_at
 from detect.calibration import fit_logistic
+from detect.synthesis.split import split_of_photo
 from geometry.arrays import FloatArray
-from locate.fusion.search.null import NullLevel
-from locate.fusion.views import Views
+from locate.fusion.matched.probability import OFFSET, PER_LOG_NAT, PER_SIGMA
 from locate.simulation.scene import PlumeSpec
 
 NEAR, FAR = 0.1, 0.3
 
 
-def stated(off: float, probability: float = 0.9999, nats: float = 60) -> Stated:
-    return Stated(nats=nats, probability=probability, off=off)
+def stated(off: float, error: float = 0.02) -> StatedPlume:
+    return StatedPlume(probability=0.97, off=off, error=error, nees=3.0)
+
+
+def candidate(off: float, sigmas: float = 11.0) -> Candidate:
+    return Candidate(sigmas=sigmas, nats_per_view=6.0, off=off)
 
 
 @pytest.fixture
-def judged() -> RecordingOutcome:
+def outcome() -> RecordingOutcome:
     return RecordingOutcome(
+        condition="coded",
+        held_out=True,
         amplitude_px=0.3,
-        strength_px=0.15,
-        noise=1.0,
-        views=8,
-        floor_nats=40.0,
-        threshold_nats=40.0,
+        strength_px=0.2,
         limit_px=0.1,
-        strongest=stated(NEAR),
-        unasked=stated(NEAR),
+        candidates=(candidate(NEAR), candidate(FAR, 6.0)),
         plumes=(stated(NEAR),),
     )
 
@@ -62,7 +75,6 @@ def test_logistic_regression_finds_what_drew_the_labels() -> None:
     probability = 1 / (1 + np.exp(2 - 0.5 * x))
     labels = rng.random(4000) < probability
     assert fit_logistic(x[:, None], labels) == pytest.approx((0.5, -2), abs=0.3)
-    assert log_loss(probability, labels) < log_loss(np.full(4000, labels.mean()), labels)
 
 
 def test_of_nothing_all_is_possible() -> None:
@@ -70,112 +82,107 @@ def test_of_nothing_all_is_possible() -> None:
 
 
 def test_bins_hold_their_upper_edge() -> None:
-    probabilities = [0, 0.5, 0.51, 0.9, 0.99, 0.9991, 1]
+    probabilities = [0, 0.2, 0.3, 0.5, 0.95, 0.951, 1]
     bins = binned(probabilities, [False, True, True, False, True, True, True])
-    assert [each.true.count for each in bins] == [2, 2, 1, 0, 2]
-    assert [each.true.hits for each in bins] == [1, 1, 1, 0, 2]
-    assert bins[1].stated == pytest.approx(0.705)
-    assert np.isnan(bins[3].stated)
+    assert [each.true.count for each in bins] == [2, 2, 0, 1, 2]
+    assert [each.true.hits for each in bins] == [1, 1, 0, 1, 2]
+    assert bins[1].stated == pytest.approx(0.4)
+    assert np.isnan(bins[2].stated)
 
 
-def test_a_plume_told_as_two_is_true_once(judged: RecordingOutcome) -> None:
-    twice = replace(judged, plumes=(stated(NEAR), stated(NEAR / 2), stated(FAR)))
+def test_the_calibration_error_weighs_bins_by_their_size() -> None:
+    bins = binned([0.1, 0.1, 0.9], [False, False, False])
+    assert calibration_error(bins) == pytest.approx((2 * 0.1 + 0.9) / 3)
+
+
+def test_a_plume_stated_as_two_is_true_once(outcome: RecordingOutcome) -> None:
+    twice = replace(outcome, plumes=(stated(NEAR), stated(NEAR / 2), stated(FAR)))
     assert twice.truths == [False, True, False]
-    assert twice.found
+    assert twice.found == stated(NEAR / 2)
 
 
-def test_a_plume_elsewhere_is_not_found(judged: RecordingOutcome) -> None:
-    elsewhere = replace(judged, plumes=(stated(FAR),), strongest=stated(FAR))
-    assert not elsewhere.found
-    assert not elsewhere.true(elsewhere.strongest)
+def test_a_plume_elsewhere_is_not_found(outcome: RecordingOutcome) -> None:
+    elsewhere = replace(outcome, plumes=(stated(FAR),))
+    assert elsewhere.found is None
+    assert elsewhere.truths == [False]
 
 
-def test_without_a_plume_nothing_is_true(judged: RecordingOutcome) -> None:
-    empty = replace(judged, amplitude_px=0.0)
+def test_without_a_plume_nothing_is_true(outcome: RecordingOutcome) -> None:
+    empty = replace(outcome, amplitude_px=0.0)
     assert empty.truths == [False]
-    assert not empty.true(empty.strongest)
-    assert "report one: 1 of 1" in report([empty])
-    assert "would have stood: 1 of 1" in report([empty])
-    rare = replace(empty, unasked=stated(FAR, probability=0.95))
-    assert "| 0.1 | 2 of 2 (16 to 100 %) | 2 of 2 (16 to 100 %) |" in report([empty, rare])
-    assert "| 0.01 | 2 of 2 (16 to 100 %) | 1 of 2 (1 to 99 %) |" in report([empty, rare])
+    assert not empty.is_true(candidate(NEAR))
+    assert "| coded | 0 of 0 (0 to 100 %) | 1 of 1 (3 to 100 %) | 0 of 1" in report([empty])
 
 
-def test_what_lies_over_the_limit(judged: RecordingOutcome) -> None:
-    weak = replace(judged, strength_px=0.06, plumes=())
-    unknown = replace(judged, limit_px=None)
-    shares = found_over_limit([judged, weak, unknown, replace(judged, amplitude_px=0.0)])
-    assert [(share.hits, share.count) for _, _, share in shares] == [(0, 0), (0, 1), (1, 1), (0, 0)]
-    assert "| no limit stated | 1 of 1" in report([unknown])
-    assert "median with a plume: limit 0.100 px, level 40 nats" in report([judged, weak, unknown])
+def test_the_surest_column_counts(outcome: RecordingOutcome) -> None:
+    assert outcome.surest == candidate(NEAR)
+    assert "| 0.95 to 1 | 0.976 | 1 of 1" in report([outcome])
+    assert replace(outcome, candidates=()).surest is None
 
 
-def test_quiet_columns_are_told_apart(judged: RecordingOutcome) -> None:
-    quiet = replace(judged, strongest=stated(FAR, nats=39))
-    last = [line for line in report([judged, quiet]).splitlines() if line.startswith("| 0.999 ")]
-    assert [cell.split(" (")[0].strip() for cell in last[0].split("|")[3:5]] == ["1 of 2", "1 of 1"]
+def test_what_lies_over_the_limit(outcome: RecordingOutcome) -> None:
+    weak = replace(outcome, strength_px=0.06, plumes=())
+    unknown = replace(outcome, limit_px=None)
+    shares = found_over_limit([outcome, weak, unknown, replace(outcome, amplitude_px=0.0)])
+    counts = [(share.hits, share.count) for _, _, share in shares]
+    assert counts == [(0, 0), (0, 1), (0, 0), (1, 1), (0, 0)]
+    assert "no limit is stated: 1 of 1" in report([unknown])
 
 
-def test_judgements_are_kept(judged: RecordingOutcome, tmp_path: Path) -> None:
-    for one in (judged, replace(judged, limit_px=None, strongest=stated(np.inf))):
+def test_the_fit_recovers_the_curve_that_drew_the_labels(outcome: RecordingOutcome) -> None:
+    rng = np.random.default_rng(0)
+    every = []
+    for _ in range(12000):
+        column = Candidate(
+            sigmas=rng.uniform(4, 12), nats_per_view=rng.uniform(0, 20), off=float(NEAR)
+        )
+        right = rng.random() < column.probability
+        drawn = replace(column, off=NEAR if right else FAR)
+        every.append(replace(outcome, held_out=False, candidates=(drawn,)))
+    found = [float(number) for number in re.findall(r"-?\d+\.\d+", fitted(every))]
+    assert found == pytest.approx([OFFSET, PER_SIGMA, PER_LOG_NAT], rel=0.15)
+
+
+def test_outcomes_are_kept(outcome: RecordingOutcome, tmp_path: Path) -> None:
+    for one in (outcome, replace(outcome, limit_px=None, candidates=(candidate(np.inf),))):
         one.save(tmp_path / "1.json")
         assert RecordingOutcome.load(tmp_path / "1.json") == one
 
 
-def test_picture_shows_the_share_where_it_is(judged: RecordingOutcome) -> None:
-    every = [judged, replace(judged, strongest=stated(FAR), plumes=())]
-    image = picture(every)
-    half = image[row(0.5), :400]
+def test_picture_shows_the_share_where_it_is(outcome: RecordingOutcome) -> None:
+    empty = replace(outcome, amplitude_px=0.0)
+    half = picture([outcome, empty])[row(0.5), :400]
     assert (half == (200, 120, 30)).all(axis=1).any()
-    assert not (picture([judged])[row(0.5), :400] == (200, 120, 30)).all(axis=1).sum() > 1
-    assert along(0.01) == along(0.3) < along(5) < along(1000) == along(100)
+    assert (picture([outcome])[row(0.5), :400] == (200, 120, 30)).all(axis=1).sum() <= 1
 
 
-def test_scenes_share_flows_and_nothing_else() -> None:
-    seeds = [seed for seed in SEEDS if scene_of(seed).plumes]
-    uses = Counter(flow_of(seed) for seed in seeds)
-    assert len(uses) <= FLOWS
-    assert max(uses.values()) <= len(SEEDS) / FLOWS
-    flow = max(uses, key=uses.__getitem__)
-    first, second = [scene_of(seed) for seed in seeds if flow_of(seed) == flow][:2]
-    one, other = first.plumes[0], second.plumes[0]
-    exits = [(p.flow_seed, p.radius_m, p.height_m, p.temperature_k) for p in (one, other)]
+def test_conditions_and_flows_cross() -> None:
+    cells = Counter((flow_of(seed), condition_of(seed)) for seed in SEEDS)
+    assert len(cells) == FLOWS * len(CONDITIONS)
+    assert len(set(cells.values())) == 1
+    held = [seed for seed in SEEDS if is_held_out(seed)]
+    rest = [seed for seed in SEEDS if not is_held_out(seed)]
+    assert len(rest) >= 200
+    assert not set(map(flow_of, held)) & set(map(flow_of, rest))
+
+
+def test_recordings_share_flows_and_nothing_else(tmp_path: Path) -> None:
+    for number in range(150):
+        (tmp_path / f"{number}.png").touch()
+    first, second = SEEDS.start, SEEDS.start + FLOWS
+    exits = [(p.flow_seed, p.radius_m, p.height_m) for p in map(leak_of, (first, second))]
     assert exits[0] == exits[1]
-    assert one.source != other.source
-    assert first.wind_mps != second.wind_mps
-    assert first.objects != second.objects
-
-
-@pytest.fixture(scope="module")
-def truth() -> ColumnTruth:
-    return random_column(np.random.default_rng(5))
-
-
-@pytest.fixture(scope="module")
-def views(truth: ColumnTruth) -> Views:
-    return make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(5))
+    captures = [capture_of(seed, tmp_path) for seed in (first, second)]
+    assert captures[0].scene.path != captures[1].scene.path
+    assert captures[0].coding is None
+    assert captures[1].coding is not None
+    held = capture_of(SEEDS.start + 2, tmp_path)
+    assert {split_of_photo(photo) for photo in held.photos} == {"test"}
+    assert {split_of_photo(photo) for c in captures for photo in c.photos} == {"train"}
 
 
 def leak_at(source: FloatArray, height_m: float) -> PlumeSpec:
     return PlumeSpec(source=tuple(source.tolist()), height_m=height_m, amplitude_px=0.3)
-
-
-def test_the_strongest_column_stands_at_the_plume(views: Views, truth: ColumnTruth) -> None:
-    there = TruePlume.of(leak_at(truth.source, truth.height), views.trajectory)
-    assert there.range_m == pytest.approx(8.5, abs=1)
-    null = draw_null(views)
-    column = strongest_column(views, null, there)
-    assert column.near
-    assert column.probability > 0.99
-    beside = replace(there, column=there.column.shifted(np.array([1.0, 0.0])))
-    assert 3 * column.off < strongest_column(views, null, beside).off
-
-
-def test_silence_is_no_column(views: Views, truth: ColumnTruth) -> None:
-    silent = replace(views, llr=np.zeros_like(views.llr))
-    place = TruePlume.of(leak_at(truth.source, truth.height), views.trajectory)
-    null = NullLevel.from_draws([0.0, 1.0])
-    assert strongest_column(silent, null, place) == NO_COLUMN
 
 
 def test_a_plume_of_the_map_is_held_against_the_truth() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from detect.detection import Frames
+from detect.information import DisplacementInformation
 from detect.registered import RegisteredDetector
 from detect.registered.registration import Measurement
 from geometry.arrays import BoolArray, FloatArray, FloatMap
@@ -39,6 +40,7 @@ def record(capture: CaptureSetup, count: int, path: Path) -> None:
         for name in MEASURED_MAPS
     }
     truths = [rendered.truths[key] for key, _, _ in known]
+    information = [m.information for _, m, _ in known if m.information is not None]
     save_arrays(
         path,
         keys=np.array([key for key, _, _ in known]),
@@ -46,6 +48,8 @@ def record(capture: CaptureSetup, count: int, path: Path) -> None:
         images=np.stack([rendered.images[key] for key, _, _ in known]),
         truth=np.stack([t.displacement for t in truths]).astype(np.float16),
         surface=np.stack([np.isfinite(t.depth) for t in truths]),
+        information_vector=np.stack([each.vector for each in information]),
+        information_matrix=np.stack([each.matrix for each in information]),
         **{name: map_.astype(np.float16) for name, map_ in arrays.items()},
     )
 
@@ -67,6 +71,7 @@ class Recorded:
         with open_arrays(path, "a filmed sequence") as file:
             maps = {n: file[n].astype(np.float32) for n in MEASURED_MAPS}
             count = len(file["keys"])
+            vector, matrix = file["information_vector"], file["information_matrix"]
             block = capture.scene.camera
             focal_px = block.focal_px * capture.focal_factor
             camera = block.model_copy(update={"radial": 0.0, "focal_px": focal_px})
@@ -74,7 +79,10 @@ class Recorded:
             return cls(
                 images=file["images"],
                 measurements=[
-                    Measurement(**{name: map_[k] for name, map_ in maps.items()})
+                    Measurement(
+                        **{name: map_[k] for name, map_ in maps.items()},
+                        information=DisplacementInformation(vector=vector[k], matrix=matrix[k]),
+                    )
                     for k in range(count)
                 ],
                 inverse_depth_units=file["inverse_depth_units"],

@@ -1,65 +1,62 @@
 """What a run would state of a recording, held against the truth."""
 
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from benchmarks.common.filmed import Recorded, labels
-from benchmarks.reliability.outcomes import NO_COLUMN, RecordingOutcome, Stated
+from benchmarks.reliability.outcomes import Candidate, RecordingOutcome, StatedPlume
+from benchmarks.reliability.recordings import condition_of, is_held_out, leak_of
 from detect.registered import RegisteredDetector
 from detect.registry import DetectorChoice
 from geometry.trajectory import Trajectory
-from locate.fusion.fuse import fuse
-from locate.fusion.limit import detection_limit_px
+from locate.fusion.find import FoundPlumes, find_plumes
+from locate.fusion.matched.plumes import strength_of_plume, strength_of_turn
 from locate.fusion.search.columns import PlumeColumn
-from locate.fusion.search.fit import fit_columns
-from locate.fusion.search.null import NullLevel
-from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
-from locate.fusion.search.score import column_evidence
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.pipeline.decide import cap_probability
 from locate.simulation import scene as simulated
+
+MOST_TURNS = 5
+"""Of a recording, that are kept as candidates."""
 
 
 def evaluate_recording(
-    sequence: Recorded, leak: simulated.PlumeSpec, detector: RegisteredDetector
+    seed: int, sequence: Recorded, detector: RegisteredDetector
 ) -> RecordingOutcome:
-    """What a run would state of a recording, and `leak` that stands there or would have stood."""
+    """What a run would state of a recording."""
     units = sequence.inverse_depth_units.tolist()
     detections = [
         detector.to_detection(*each) for each in zip(sequence.measurements, units, strict=True)
     ]
     views = Views.from_detections(detections, sequence.trajectory)
-    choice = DetectorChoice.parse(detector.name)
-    floor_nats = choice.clutter_nats * len(views)
-    fused = fuse(views, least_nats=floor_nats)
-    null = draw_null(views)
-    lenient = fuse(views, null=null, most_false_alarm=1.0)
-    true = TruePlume.of(leak, sequence.trajectory)
+    found = find_plumes(views, DetectorChoice.parse(detector.name), response=detector.response)
+    true = TruePlume.of(leak_of(seed), sequence.trajectory)
     positive, _ = labels(sequence, list(range(len(views))))
     size = np.linalg.norm(sequence.truth, axis=-1)[positive]
     return RecordingOutcome(
+        condition=condition_of(seed),
+        held_out=is_held_out(seed),
         amplitude_px=max((p.amplitude_px or 0.0 for p in sequence.scene.plumes), default=0.0),
         strength_px=float(size.mean()) if size.size else 0.0,
-        noise=sequence.scene.image.noise,
-        views=len(views),
-        floor_nats=floor_nats,
-        threshold_nats=fused.threshold_nats,
-        limit_px=detection_limit_px(views, fused.threshold_nats, response=detector.response),
-        strongest=strongest_column(views, null, true),
-        unasked=next((true.stated(plume) for plume in lenient.plumes), NO_COLUMN),
-        plumes=tuple(
-            true.stated(cap_probability(plume, choice, len(views))) for plume in fused.plumes
-        ),
+        limit_px=found.limit_px,
+        candidates=tuple(candidates(found, true)),
+        plumes=tuple(true.stated(plume) for plume in found.plumes),
     )
 
 
-def draw_null(views: Views) -> NullLevel:
-    """The null that `fuse` draws of these views."""
-    rng = np.random.default_rng(0)
-    return NullLevel.from_views(views, views.volume(), rng, progress=lambda _: None)
+def candidates(found: FoundPlumes, true: "TruePlume") -> Iterator[Candidate]:
+    """What the evidence of pixels alone would call plumes, and the strongest turns."""
+    rng, turns = np.random.default_rng(0), found.turns
+    if turns is None:
+        return
+    for plume in found.by_pixels:
+        strength = strength_of_plume(turns.score, plume, rng)
+        yield Candidate(**asdict(strength), off=true.off(axis_of(plume)))
+    for turn in turns.find_turns(rng)[:MOST_TURNS]:
+        strength = strength_of_turn(turns.score, turn.column, rng)
+        yield Candidate(**asdict(strength), off=true.off(turn.column))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,20 +75,14 @@ class TruePlume:
     def off(self, column: PlumeColumn) -> float:
         return column.gap_to(self.column) / self.range_m
 
-    def stated(self, plume: Plume) -> Stated:
-        off = self.off(axis_of(plume))
-        return Stated(nats=plume.evidence_nats, probability=plume.probability, off=off)
-
-
-def strongest_column(views: Views, null: NullLevel, true: TruePlume) -> Stated:
-    """The strongest column, searched for as in the draws of chance."""
-    rng = np.random.default_rng(0)
-    starts = propose_columns(views, views.volume(), most=MOST_PROPOSALS)[0].columns
-    columns = fit_columns(partial(column_evidence, views), starts, views.unit, rng)
-    if not len(columns):
-        return NO_COLUMN
-    nats = float(column_evidence(views, columns[0].as_columns)[0])
-    return Stated(nats=nats, probability=1 - null.false_alarm(nats), off=true.off(columns[0]))
+    def stated(self, plume: Plume) -> StatedPlume:
+        error = plume.source - self.column.lowest_point
+        return StatedPlume(
+            probability=plume.probability,
+            off=self.off(axis_of(plume)),
+            error=float(np.linalg.norm(error)) / self.range_m,
+            nees=float(error @ np.linalg.pinv(plume.source_covariance) @ error),
+        )
 
 
 def axis_of(plume: Plume) -> PlumeColumn:

@@ -3,8 +3,7 @@
 import argparse
 
 from benchmarks.common.filmed import record
-from benchmarks.reliability.recordings import KEYS, add_recording_arguments, chosen, scene_of
-from locate.simulation.capture import CaptureSetup
+from benchmarks.reliability.recordings import KEYS, add_recording_arguments, capture_of, chosen
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,5 +15,5 @@ def main(options: argparse.Namespace) -> None:
     for seed in chosen(options):
         path = options.work / f"{seed}.npz"
         if not path.exists():
-            record(CaptureSetup(scene=scene_of(seed)), KEYS, path)
+            record(capture_of(seed, options.photos), KEYS, path)
             print(seed, flush=True)

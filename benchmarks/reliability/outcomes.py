@@ -12,8 +12,9 @@ from scipy.stats import binomtest
 
 from benchmarks.common.filmed import FOUND_SHARE
 from geometry.atomic import atomic_path
+from locate.fusion.matched.probability import true_probability
 
-EDGES = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0)
+EDGES = (0.0, 0.2, 0.5, 0.8, 0.95, 1.0)
 CONFIDENCE = 0.95
 
 
@@ -66,21 +67,47 @@ def binned(
     return bins
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stated:
-    """Of a column: its evidence, the probability stated of it, how far off it stands in ranges."""
+def calibration_error(bins: Sequence[ProbabilityBin]) -> float:
+    """Mean difference of what was stated from the share that is true, bins by their size."""
+    full = [each for each in bins if each.true.count]
+    off = [abs(each.stated - each.true.hits / each.true.count) for each in full]
+    return float(np.average(off, weights=[each.true.count for each in full]))
 
-    nats: float
-    probability: float
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A column that may be a plume.
+
+    Attributes:
+        sigmas: Of the turn about it.
+        nats_per_view: Of its pixels.
+        off: How far from the true axis it stands, in ranges.
+    """
+
+    sigmas: float
+    nats_per_view: float
     off: float
 
     @property
-    def near(self) -> bool:
-        """Whether it stands where the plume does, or would have stood."""
-        return self.off < FOUND_SHARE
+    def probability(self) -> float:
+        return float(true_probability(self.sigmas, self.nats_per_view))
 
 
-NO_COLUMN = Stated(nats=0.0, probability=0.0, off=np.inf)
+@dataclass(frozen=True, kw_only=True)
+class StatedPlume:
+    """A plume of the map.
+
+    Attributes:
+        probability: As stated.
+        off: How far from the true axis it stands, in ranges.
+        error: Of its source, in ranges.
+        nees: Of its source (3 expected).
+    """
+
+    probability: float
+    off: float
+    error: float
+    nees: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,43 +115,42 @@ class RecordingOutcome:
     """What was stated of a recording, and what is true of it.
 
     Attributes:
+        condition: How it was filmed and stored.
+        held_out: Whether it served no choice.
         amplitude_px: Of its plume, 95th percentile; 0 without one.
         strength_px: Mean displacement within that plume, as the detection limit means it.
-        noise: In 1/255.
-        views: How many key frames were summed.
-        floor_nats: What a column needs whatever chance makes.
-        threshold_nats: What a column needed.
         limit_px: The stated detection limit; None where none was stated.
-        strongest: The strongest column, searched for as in the draws of chance.
-        unasked: The strongest plume that the map would report if nothing were asked of one.
+        candidates: The columns that were looked at.
         plumes: What the map reports.
     """
 
+    condition: str
+    held_out: bool
     amplitude_px: float
     strength_px: float
-    noise: float
-    views: int
-    floor_nats: float
-    threshold_nats: float
     limit_px: float | None
-    strongest: Stated
-    unasked: Stated
-    plumes: tuple[Stated, ...]
+    candidates: tuple[Candidate, ...]
+    plumes: tuple[StatedPlume, ...]
 
-    def true(self, column: Stated) -> bool:
+    def is_true(self, column: Candidate | StatedPlume) -> bool:
         """Whether a plume stands where the column does."""
-        return self.amplitude_px > 0 and column.near
+        return self.amplitude_px > 0 and column.off < FOUND_SHARE
 
     @property
     def truths(self) -> list[bool]:
         """Of each plume reported, whether it is the one that is there; a second one is not."""
-        offs = [plume.off for plume in self.plumes]
-        there = self.amplitude_px > 0 and min(offs, default=np.inf) < FOUND_SHARE
-        return [there and off == min(offs) for off in offs]
+        nearest = min((plume.off for plume in self.plumes), default=np.inf)
+        return [self.is_true(plume) and plume.off == nearest for plume in self.plumes]
 
     @property
-    def found(self) -> bool:
-        return any(self.truths)
+    def found(self) -> StatedPlume | None:
+        """The plume that is there, where it was found."""
+        true = [each for each, right in zip(self.plumes, self.truths, strict=True) if right]
+        return true[0] if true else None
+
+    @property
+    def surest(self) -> Candidate | None:
+        return max(self.candidates, key=lambda each: each.probability, default=None)
 
     @property
     def over_limit(self) -> float:
@@ -134,9 +160,9 @@ class RecordingOutcome:
     @classmethod
     def load(cls, path: Path) -> "RecordingOutcome":
         content = json.loads(path.read_text())
-        strongest, unasked = (Stated(**content.pop(name)) for name in ("strongest", "unasked"))
-        plumes = tuple(Stated(**plume) for plume in content.pop("plumes"))
-        return cls(**content, strongest=strongest, unasked=unasked, plumes=plumes)
+        candidates = tuple(Candidate(**each) for each in content.pop("candidates"))
+        plumes = tuple(StatedPlume(**each) for each in content.pop("plumes"))
+        return cls(**content, candidates=candidates, plumes=plumes)
 
     def save(self, path: Path) -> None:
         with atomic_path(path) as unfinished:

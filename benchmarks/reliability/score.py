@@ -7,17 +7,9 @@ import argparse
 
 from benchmarks.common.filmed import Recorded
 from benchmarks.reliability.answers import evaluate_recording
-from benchmarks.reliability.recordings import (
-    add_recording_arguments,
-    chosen,
-    flow_of,
-    flowing,
-    scene_of,
-)
+from benchmarks.reliability.recordings import add_recording_arguments, capture_of, chosen
 from detect.kinds import REGISTERED
 from detect.registered import RegisteredDetector
-from locate.simulation.capture import CaptureSetup
-from locate.simulation.layouts import random_scene
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,8 +21,6 @@ def main(options: argparse.Namespace) -> None:
     for seed in chosen(options):
         recorded, path = (options.work / f"{seed}.{suffix}" for suffix in ("npz", "json"))
         if recorded.exists() and not path.exists():
-            leak = flowing(random_scene(seed, plume=True).plumes[0], flow_of(seed))
-            evaluate_recording(
-                Recorded.load(recorded, CaptureSetup(scene=scene_of(seed))), leak, detector
-            ).save(path)
+            sequence = Recorded.load(recorded, capture_of(seed, options.photos))
+            evaluate_recording(seed, sequence, detector).save(path)
             print(seed, path.read_text(), flush=True)

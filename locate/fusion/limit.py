@@ -5,7 +5,8 @@ import numpy as np
 from detect.evidence import LLR_MAX, LLR_MIN, log_likelihood_ratio
 from detect.response import Response
 from geometry.arrays import FloatMap
-from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch, passes
+from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch
+from locate.fusion.matched.probability import passes
 from locate.fusion.search.columns import HEIGHT, OPENING, RADIUS, Columns, X, Z
 from locate.fusion.search.score import clipped_sum, score_columns
 from locate.fusion.views import Views
@@ -71,10 +72,11 @@ def detection_limit_px(
     for amplitude in AMPLITUDES_PX:
         expected = views.with_evidence(expected_llr(views, float(amplitude), response))
         nats = clipped_sum(score_columns(expected, columns))
-        seen = nats > threshold_nats
-        if turns is not None:
+        if turns is None:
+            seen = nats > threshold_nats
+        else:
             size_px = TURN_SHARE * TURN_PER_MEAN * float(amplitude)
-            seen |= passes(turns.score.expected(narrow, size_px), nats)
+            seen = passes(turns.score.expected(narrow, size_px), nats / len(views))
         if seen.mean() >= SHARE_SEEN:
             return float(amplitude)
     return None

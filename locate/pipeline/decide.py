@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from detect.detection import Detection
 from detect.haze import measure_haze
 from detect.registry import DetectorChoice
@@ -14,14 +12,13 @@ from geometry.printable import printable
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__
-from locate.fusion.fuse import fuse, number_plumes
-from locate.fusion.limit import RADIUS_UNITS, detection_limit_px
-from locate.fusion.matched.plumes import TurnSearch
+from locate.fusion.find import find_plumes
+from locate.fusion.limit import RADIUS_UNITS
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
 from locate.map.answer import Answer, Obstacle
-from locate.map.plume import Plume, PlumeMap
+from locate.map.plume import PlumeMap
 from locate.pipeline.detections import load_detections, load_response
 from locate.pipeline.evidence import save_evidence
 from locate.pipeline.files import RunFiles
@@ -30,8 +27,6 @@ from locate.pipeline.obstacles import measured_obstacles
 from locate.pipeline.placement import Placement
 from locate.recording.posed_frames import PosedFrames
 
-FUSION_SHARE = 0.6
-"""Share of this stage's time that fusing the evidence of pixels takes, for the progress."""
 PLUME_RANGE_SHARE = 0.7
 """Range of a usual plume, in ranges of the median background; chosen by hand."""
 HOTTEST_RISE_K = 2000.0
@@ -84,51 +79,36 @@ def fuse_detections(
         seed: Of every random choice.
         report: Takes the progress.
     """
-    stored_name, indices, found = load_detections(detections)
+    stored_name, indices, measured = load_detections(detections)
     detector = DetectorChoice.parse(stored_name)
     trajectory = posed.undistorted_trajectory()
     if trajectory is None:
         response = load_response(detections)
-        plume_map = map_bearings(found, detector, posed, response=response, seed=seed)
+        plume_map = map_bearings(measured, detector, posed, response=response, seed=seed)
         report("fusion", 1.0)
         return plume_map
-    # Sum the evidence of all views and extract the plumes.
-    views = Views.from_detections(found, trajectory.take(posed.rows_of(indices)))
-    fused = fuse(
+    views = Views.from_detections(measured, trajectory.take(posed.rows_of(indices)))
+    found = find_plumes(
         views,
+        detector,
+        response=load_response(detections),
         seed=seed,
-        progress=lambda share: report("fusion", FUSION_SHARE * share),
-        least_nats=detector.clutter_nats * len(views),
+        progress=lambda share: report("fusion", share),
     )
-    plumes = [cap_probability(plume, detector, len(views)) for plume in fused.plumes]
-    limit_px = None
-    if fused.grid is not None:
-        # Add the plumes that only the displacement of all views together shows.
-        rng = np.random.default_rng(seed)
-        turns = TurnSearch.of_views(views, fused.grid, rng)
-        plumes += [] if turns is None else turns.find_plumes(plumes, rng)
-        # Work out what would have been seen.
-        save_evidence(fused.grid, fused.threshold_nats, evidence)
-        limit_px = detection_limit_px(
-            views,
-            fused.threshold_nats,
-            response=load_response(detections),
-            seed=seed,
-            turns=turns,
-        )
-    report("fusion", 1.0)
-    judged = bool(plumes) or limit_px is not None
-    obstacles = () if judged else measured_obstacles(found, depth=fused.grid is not None)
+    if found.grid is not None:
+        save_evidence(found.grid, found.threshold_nats, evidence)
+    judged = bool(found.plumes) or found.limit_px is not None
+    obstacles = () if judged else measured_obstacles(measured, depth=found.grid is not None)
     return PlumeMap(
         units="m" if trajectory.metric else "scene",
         gravity=trajectory.gravity,
         detector=detector.name,
         version=__version__,
-        plumes=number_plumes(plumes),
-        detection_limit_px=limit_px,
-        detection_limit_k=_limit_k(limit_px, views, trajectory) if trajectory.metric else None,
+        plumes=found.plumes,
+        detection_limit_px=found.limit_px,
+        detection_limit_k=_limit_k(found.limit_px, views, trajectory),
         obstacles=obstacles,
-        notes=map_notes(found, detector, trajectory, plumes, limit_px, obstacles),
+        notes=map_notes(measured, detector, trajectory, found, obstacles),
     )
 
 
@@ -166,23 +146,13 @@ def map_bearings(
     )
 
 
-def cap_probability(plume: Plume, detector: DetectorChoice, views: int) -> Plume:
-    """The plume, no surer than plumes with as much evidence a view are true.
-
-    A network errs alike from all sides, which the draws of chance do not show.
-    """
-    if detector.reliability is None:
-        return plume
-    most = detector.reliability.true_share(plume.evidence_nats, views)
-    return replace(plume, probability=min(plume.probability, most))
-
-
 def _limit_k(limit_px: float | None, views: Views, trajectory: Trajectory) -> float | None:
     """The limit as the temperature rise of a usual plume before the median background.
 
-    None where no flame is hot enough: warm air bends light less and less as it thins.
+    None where lengths are not metres, or no flame is hot enough: warm air bends light less and
+    less as it thins.
     """
-    if limit_px is None:
+    if limit_px is None or not trajectory.metric:
         return None
     range_m = views.unit / RANGE_TO_UNIT
     rise_k = temperature_rise_k(

@@ -6,6 +6,7 @@ from detect.detection import Detection
 from detect.registry import DetectorChoice
 from geometry.covariance import sigma_along
 from geometry.trajectory import Trajectory
+from locate.fusion.find import FoundPlumes
 from locate.fusion.limit import AMPLITUDES_PX
 from locate.map.answer import Cause, Obstacle
 from locate.map.plume import Plume
@@ -20,37 +21,41 @@ BLIND = (
     f"Even a plume of {AMPLITUDES_PX[-1]:.0f} px would have been missed in half of the places: "
     "others may be there."
 )
+UNCONFIRMED = (
+    "Left out: {count} that pixels alone would call a plume, but about which the displacement does "
+    "not turn as about one. Hard compression and things that move make such."
+)
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 
 
 def map_notes(
-    found: Sequence[Detection],
+    measured: Sequence[Detection],
     detector: DetectorChoice,
     trajectory: Trajectory,
-    plumes: Sequence[Plume],
-    limit_px: float | None,
+    found: FoundPlumes,
     obstacles: Sequence[Obstacle] = (),
 ) -> tuple[str, ...]:
     """The notes on a map of a moving camera.
 
     Args:
-        found: The detections it was fused from.
+        measured: The detections it was fused from.
         detector: That made them.
         trajectory: Of the camera.
-        plumes: Of the map.
-        limit_px: Its detection limit, if there is one.
+        found: What they show.
         obstacles: What kept it from judging, which the reader is told too.
     """
     told = any(obstacle.cause is Cause.SILENT_FRAMES for obstacle in obstacles)
-    notes = empty_frames_notes(found, detector, told=told)
+    notes = empty_frames_notes(measured, detector, told=told)
     if not trajectory.metric:
         notes.append(FREE_SCALE)
     if not trajectory.gravity:
         notes.append(GUESSED_UP)
-    if limit_px is None and plumes:
+    if found.limit_px is None and found.plumes:
         notes.append(BLIND)
+    if found.unconfirmed:
+        notes.append(UNCONFIRMED.format(count=found.unconfirmed))
     unit_name = "m" if trajectory.metric else "scene units"
-    notes += [hidden_note(plume, unit_name) for plume in plumes if plume.source_hidden]
+    notes += [hidden_note(plume, unit_name) for plume in found.plumes if plume.source_hidden]
     return tuple(notes)
 
 

@@ -11,6 +11,7 @@ from locate.fusion.axis.graph import estimate_axis
 from locate.fusion.axis.pairs import split_column
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import estimate_sway
+from locate.fusion.find import cap_probability
 from locate.fusion.fuse import fuse
 from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.search.null import NullLevel
@@ -20,7 +21,6 @@ from locate.fusion.source.base import locate_base
 from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from locate.pipeline.decide import cap_probability
 from locate.pipeline.map_notes import empty_frames_notes, hidden_note
 from tests.locate.answers import plume as any_plume
 from tests.simulated_evidence import (

@@ -8,7 +8,8 @@ from geometry.grid import sum_evidence
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, find_turns
-from locate.fusion.matched.plumes import NATS_TOGETHER, TurnSearch, column_of, passes
+from locate.fusion.matched.plumes import TurnSearch, column_of
+from locate.fusion.matched.probability import passes, true_probability
 from locate.fusion.matched.scan import propose_turns
 from locate.fusion.matched.score import join_sides
 from locate.fusion.views import Views
@@ -100,10 +101,34 @@ def test_a_turn_is_antisymmetric_across_its_axis() -> None:
     assert (kernel[off > 0] >= 0).all()
 
 
-def test_a_plume_needs_a_turn_and_evidence_together() -> None:
-    strong = float(np.sqrt(2 * NATS_TOGETHER)) + 0.1
-    sigmas, nats = np.array([strong, 7.0, 7.0, 3.0]), np.array([0.0, 0.0, 60.0, 300.0])
+def test_a_plume_needs_a_turn_whatever_its_pixels_say() -> None:
+    sigmas, nats = np.array([10.0, 7.0, 7.0, 3.0]), np.array([0.0, 0.0, 20.0, 300.0])
     assert passes(sigmas, nats).tolist() == [True, False, True, False]
+
+
+def test_gases_that_bend_light_inwards_are_rarer() -> None:
+    out, inward = true_probability([8.0, -8.0], 5.0)
+    assert inward < out
+    assert true_probability(8.0, -3.0) == true_probability(8.0, 0.0)
+
+
+def test_what_a_few_views_show_is_not_what_the_views_agree_on(truth: ColumnTruth) -> None:
+    every, none = views_of(truth, 0.4), views_of(None, 0.0)
+    few = replace(every, information=(*every.information[:4], *none.information[4:]))
+    rng = np.random.default_rng(0)
+    for views, agree in ((every, True), (few, False)):
+        score = search_of(views).score
+        strongest = find_turns(score, propose_turns(score.filters, search_of(views).grid), rng)[0]
+        agreed = score.agreed(strongest.column.as_columns)[0]
+        assert (agreed > 0.8 * strongest.sigmas) == agree
+
+
+def test_the_evidence_of_pixels_needs_a_turn(truth: ColumnTruth) -> None:
+    search = search_of(views_of(truth, 0.4))
+    (plume,) = search.find_plumes([], np.random.default_rng(1))
+    elsewhere = replace(plume, source=plume.source + np.array([2.0, 0, 0]), evidence_nats=1e4)
+    kept = search.confirm([elsewhere, plume], np.random.default_rng(1))
+    assert [each.source.tolist() for each in kept] == [plume.source.tolist()]
 
 
 def test_a_plume_without_evidence_of_pixels_is_measured(truth: ColumnTruth) -> None:

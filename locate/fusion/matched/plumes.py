@@ -6,15 +6,14 @@ from functools import partial, reduce
 from typing import Self
 
 import numpy as np
-from scipy.special import expit
 
-from geometry.arrays import BoolArray, FloatArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
-from locate.fusion.matched.fit import APART_UNITS, Turn, find_turns
+from locate.fusion.matched.fit import APART_UNITS, Turn, find_turns, strongest_turn_near
+from locate.fusion.matched.probability import LEAST_PROBABILITY, ColumnStrength
 from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
 from locate.fusion.matched.score import TurnScore
 from locate.fusion.search.columns import Columns, PlumeColumn, X, Y
@@ -24,13 +23,8 @@ from locate.fusion.source.measure import REFRACTIVE_INDEX, find_axis, measure_pl
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 
-LEAST_SIGMAS = 6.5
-"""What a turn needs, whatever the evidence of pixels."""
-NATS_TOGETHER = 65.0
-"""What a plume needs: half the square of its sigmas and the evidence of the pixels together."""
-TRUE_OFFSET, TRUE_SLOPE = -6.1, 0.095
-"""Of the logistic curve from those nats to the probability that it is true, fitted to 15
-recordings with a plume and 21 strongest turns beside it or without one (docs/weak_plumes.md)."""
+LEAST_SIGMAS = 6.0
+"""Weaker turns are not looked at; chosen by hand."""
 RADIUS_WIDTHS = 2.5
 """Radius of a plume, in distances from its axis to the largest displacement; chosen by hand."""
 STARTS, START_UNITS = 12, 0.1
@@ -63,6 +57,26 @@ class TurnSearch:
             return None
         return cls(score=TurnScore.calibrated(TurnFilters(views), places, rng), grid=grid)
 
+    def confirm(self, plumes: Sequence[Plume], rng: np.random.Generator) -> list[Plume]:
+        """Those of the plumes about which the displacement turns too, by their evidence.
+
+        Args:
+            plumes: Found by the evidence of pixels.
+            rng: Of the searches.
+        """
+        score, kept = self.score, list[Plume]()
+        for plume in sorted(plumes, key=lambda each: -each.evidence_nats):
+            sure = strength_of_plume(score, plume, rng).probability
+            if sure >= LEAST_PROBABILITY:
+                kept.append(replace(plume, probability=min(plume.probability, sure)))
+                # What another plume explains must not support this one.
+                score = score.without(column_of(plume))
+        return kept
+
+    def find_turns(self, rng: np.random.Generator) -> list[Turn]:
+        """The distinct columns about which the displacement turns, the surest first."""
+        return find_turns(self.score, propose_turns(self.score.filters, self.grid), rng)
+
     def find_plumes(self, known: Sequence[Plume], rng: np.random.Generator) -> list[Plume]:
         """The plumes that are not known yet, the surest first.
 
@@ -74,21 +88,14 @@ class TurnSearch:
         # What another plume explains must not support this one.
         score = reduce(TurnScore.without, map(column_of, known), self.score)
         found: list[Plume] = []
-        for turn in find_turns(self.score, propose_turns(self.score.filters, self.grid), rng):
+        for turn in self.find_turns(rng):
             if abs(turn.sigmas) < LEAST_SIGMAS:
                 break
-            own = Turn(turn.column, float(score(turn.column.as_columns)[0]))
-            plume = _measure_turn(score.filters.views, own, rng)
+            plume = _measure_turn(score, turn.column, rng)
             if plume is not None and not _is_near(plume, [*known, *found], unit):
                 found.append(plume)
                 score = score.without(turn.column.widened(RADIUS_WIDTHS))
         return found
-
-
-def passes(sigmas: FloatArray, pixel_nats: FloatArray) -> BoolArray:
-    """(...) whether a turn with so many sigmas and so much evidence of pixels is a plume."""
-    together = sigmas**2 / 2 + pixel_nats
-    return np.asarray((np.abs(sigmas) >= LEAST_SIGMAS) & (together >= NATS_TOGETHER))
 
 
 def column_of(plume: Plume) -> PlumeColumn:
@@ -102,36 +109,49 @@ def column_of(plume: Plume) -> PlumeColumn:
     return PlumeColumn(np.array([*lowest, *slopes, height, radii[0], opening]))
 
 
-def _measure_turn(views: Views, turn: Turn, rng: np.random.Generator) -> Plume | None:
-    """The plume that a turn is; None where it is none."""
-    column = turn.column.widened(RADIUS_WIDTHS)
-    pixel_nats = _most_evidence(views, column, rng)
-    if not passes(np.array([turn.sigmas]), np.array([pixel_nats]))[0]:
+def strength_of_plume(score: TurnScore, plume: Plume, rng: np.random.Generator) -> ColumnStrength:
+    """What the column of a plume shows that was found by the evidence of pixels."""
+    narrow = column_of(plume).widened(1 / RADIUS_WIDTHS)
+    return ColumnStrength(
+        sigmas=strongest_turn_near(score, narrow, rng),
+        nats_per_view=plume.evidence_nats / len(score.filters.views),
+    )
+
+
+def strength_of_turn(
+    score: TurnScore, column: PlumeColumn, rng: np.random.Generator
+) -> ColumnStrength:
+    """What a column shows about which the displacement turns."""
+    views = score.filters.views
+    pixel_nats = _most_evidence(views, column.widened(RADIUS_WIDTHS), rng)
+    return ColumnStrength(
+        sigmas=float(score.agreed(column.as_columns)[0]), nats_per_view=pixel_nats / len(views)
+    )
+
+
+def _measure_turn(score: TurnScore, narrow: PlumeColumn, rng: np.random.Generator) -> Plume | None:
+    """The plume about whose axis the displacement turns; None where there is none."""
+    strength = strength_of_turn(score, narrow, rng)
+    if strength.probability < LEAST_PROBABILITY:
         return None
+    views, column = score.filters.views, narrow.widened(RADIUS_WIDTHS)
+    turn = Turn(narrow, float(score(narrow.as_columns)[0]))
     filled = with_turn_evidence(views, turn)
     measured = find_axis(filled, column, rng)
     if measured is None:
         return None
     # Where the evidence of pixels lies elsewhere, what they say for the turn counts alone.
-    leaves = _widest_gap(turn.column, measured[0]) > APART_UNITS * views.unit
+    leaves = turn.column.widest_gap_to(measured[0]) > APART_UNITS * views.unit
     if leaves:
         filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
     if leaves or np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
         measured = _on_turn(*measured, turn)
-    nats = pixel_nats + turn.sigmas**2 / 2
-    plume = measure_plume(filled, *measured, float(expit(-TRUE_OFFSET - TRUE_SLOPE * nats)))
+    plume = measure_plume(filled, *measured, 1 - strength.probability)
     return replace(
         plume,
-        evidence_nats=nats,
+        evidence_nats=strength.nats_per_view * len(views) + turn.sigmas**2 / 2,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
-
-
-def _widest_gap(column: PlumeColumn, other: PlumeColumn) -> float:
-    """Largest horizontal distance of another axis from a column, over the column's heights."""
-    ends = column.axis_points(np.array([0.0, column.height]))
-    there = other.axis_points(ends[:, 2] - other.lowest_z)
-    return float(np.linalg.norm(ends - there, axis=1).max())
 
 
 def _on_turn(

@@ -39,6 +39,8 @@ FEWEST_VIEWS = 4.0
 """Views that must show a column."""
 SEEN = 0.1
 """Weight from which on a view shows a column."""
+MEDIAN_SIGMA = 1.25
+"""Standard deviation of the median of normal errors over that of their mean."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +61,21 @@ class ViewTurns:
         clipped = self.sigmas.clip(-MOST_SIGMAS, MOST_SIGMAS)
         total = (clipped * self.weight).sum(axis=1)
         return np.asarray(total / np.sqrt(np.maximum((self.weight**2).sum(axis=0), FEWEST_VIEWS)))
+
+    @property
+    def median(self) -> FloatArray:
+        """(N,) sigmas of all views together, were each like the median one; 0 without a view.
+
+        Of each view the weaker side counts, so what a few views show by themselves does not.
+        """
+        shown = self.weight > SEEN
+        sign = np.sign(self.sides[0])
+        weaker = np.where(shown, (sign * self.sigmas).min(axis=0), np.nan)
+        seen = shown.any(axis=0)
+        typical = np.zeros(len(sign))
+        typical[seen] = np.nanmedian(weaker[:, seen], axis=0)
+        joined = np.sqrt(2 * shown.sum(axis=0)) * typical / MEDIAN_SIGMA
+        return np.asarray(sign * np.maximum(joined, 0))
 
     @property
     def views(self) -> FloatArray:
@@ -135,6 +152,18 @@ class TurnScore:
         """(N,) sigmas of all views together, positive where light is bent away from the axis."""
         return self._join(self.view_turns(columns), columns)
 
+    def agreed(self, columns: Columns) -> FloatArray:
+        """(N,) as `__call__`, but no more than the views would show were each like the median one.
+
+        The strongest turns without a plume are mostly made by a few views, where a search finds
+        them; a plume is in most.
+        """
+        turns = self.view_turns(columns)
+        return self._limit(self._join(turns, columns), turns)
+
+    def _limit(self, sigmas: FloatArray, turns: ViewTurns) -> FloatArray:
+        return np.asarray(np.sign(sigmas) * np.minimum(np.abs(sigmas), np.abs(turns.median)))
+
     def _join(self, turns: ViewTurns, columns: Columns) -> FloatArray:
         return join_sides(turns.sides / self.scatter[self._classes(columns)].T)
 
@@ -147,8 +176,8 @@ class TurnScore:
         """
         samples = _sample_axes(self.filters, columns)
         would = np.minimum(size_px * samples.sigmas_per_px, MOST_SIGMAS)
-        turns = _sum_heights(would, samples.weight, len(columns))
-        return self._join(self._in_scatter(turns, columns), columns)
+        turns = self._in_scatter(_sum_heights(would, samples.weight, len(columns)), columns)
+        return self._limit(self._join(turns, columns), turns)
 
     def _classes(self, columns: Columns) -> tuple[IntArray, IntArray]:
         """Which random columns each column is most like."""

@@ -140,6 +140,12 @@ class PlumeColumn:
         others = other.lowest_point[:2] + other.slope * (z - other.lowest_z)
         return float(np.linalg.norm(own - others, axis=1).min())
 
+    def widest_gap_to(self, other: "PlumeColumn") -> float:
+        """Largest horizontal distance of another axis, over the heights of this one."""
+        ends = self.axis_points(np.array([0.0, self.height]))
+        there = other.axis_points(ends[:, 2] - other.lowest_z)
+        return float(np.linalg.norm(ends - there, axis=1).max())
+
     def _entry(self, index: int) -> float:
         entry: float = self.array[index]
         return entry

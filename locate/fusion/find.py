@@ -1,0 +1,113 @@
+"""All that the views of a run show: the plumes, and what would have been seen."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from detect.registry import DetectorChoice
+from detect.response import Response
+from geometry.grid import EvidenceGrid
+from locate.fusion.fuse import FusionResult, fuse, number_plumes
+from locate.fusion.limit import detection_limit_px
+from locate.fusion.matched.plumes import TurnSearch
+from locate.fusion.views import Views
+from locate.map.plume import Plume
+
+FUSION_SHARE = 0.6
+"""Share of the time that fusing the evidence of pixels takes, for the progress."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundPlumes:
+    """What the views of a run show.
+
+    Attributes:
+        plumes: Strongest first.
+        by_pixels: What the evidence of pixels alone would call plumes.
+        unconfirmed: How many of those are none by the displacement.
+        turns: The search for turns of the displacement, where there was one.
+        grid: The summed evidence of pixels; None where no frame measured any depth.
+        threshold_nats: What a column needs of that evidence.
+        limit_px: The detection limit, px of the original frames; None where nothing would have
+            been seen.
+    """
+
+    plumes: tuple[Plume, ...]
+    by_pixels: tuple[Plume, ...]
+    unconfirmed: int
+    turns: TurnSearch | None
+    grid: EvidenceGrid | None
+    threshold_nats: float
+    limit_px: float | None
+
+
+def find_plumes(
+    views: Views,
+    detector: DetectorChoice,
+    *,
+    response: Response | None = None,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> FoundPlumes:
+    """Finds the plumes by the evidence of pixels and by the turn of the displacement.
+
+    Args:
+        views: Of the run.
+        detector: That measured them.
+        response: Of the detector, for the detection limit; None: the hand-made formula.
+        seed: Of every random choice.
+        progress: Receives the share done, from 0 to 1.
+    """
+    # 1. Columns in which the evidence of pixels adds up.
+    fused = fuse(
+        views,
+        seed=seed,
+        progress=lambda share: progress(FUSION_SHARE * share),
+        least_nats=detector.clutter_nats * len(views),
+    )
+    # 2. Those about which the displacement turns, and what turns alone show.
+    rng = np.random.default_rng(seed)
+    turns = None if fused.grid is None else TurnSearch.of_views(views, fused.grid, rng)
+    if turns is None:
+        plumes = confirmed = [cap_probability(each, detector, len(views)) for each in fused.plumes]
+    else:
+        confirmed = turns.confirm(fused.plumes, rng)
+        plumes = confirmed + turns.find_plumes(confirmed, rng)
+    # 3. What would have been seen.
+    limit_px = _limit_px(views, fused, turns, response, seed)
+    progress(1.0)
+    return FoundPlumes(
+        plumes=number_plumes(plumes),
+        by_pixels=fused.plumes,
+        unconfirmed=len(fused.plumes) - len(confirmed),
+        turns=turns,
+        grid=fused.grid,
+        threshold_nats=fused.threshold_nats,
+        limit_px=limit_px,
+    )
+
+
+def _limit_px(
+    views: Views,
+    fused: FusionResult,
+    turns: TurnSearch | None,
+    response: Response | None,
+    seed: int,
+) -> float | None:
+    if fused.grid is None:
+        return None
+    return detection_limit_px(
+        views, fused.threshold_nats, response=response, seed=seed, turns=turns
+    )
+
+
+def cap_probability(plume: Plume, detector: DetectorChoice, views: int) -> Plume:
+    """The plume, no surer than plumes with as much evidence a view are true.
+
+    A network errs alike from all sides, which the draws of chance do not show.
+    """
+    if detector.reliability is None:
+        return plume
+    most = detector.reliability.true_share(plume.evidence_nats, views)
+    return replace(plume, probability=min(plume.probability, most))
