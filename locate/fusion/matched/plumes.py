@@ -138,13 +138,15 @@ def _measure_turn(score: TurnScore, narrow: PlumeColumn, rng: np.random.Generato
     turn = Turn(narrow, float(score(narrow.as_columns)[0]))
     filled = with_turn_evidence(views, turn)
     measured = find_axis(filled, column, rng)
+    turn_alone = bool(np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT)
+    if measured is not None and _leaves(turn, measured[0], views.unit):
+        # The evidence of pixels lies elsewhere: what they say for the turn counts alone.
+        filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
+        turn_alone = True
+        measured = find_axis(filled, column, rng)
     if measured is None:
         return None
-    # Where the evidence of pixels lies elsewhere, what they say for the turn counts alone.
-    leaves = turn.column.widest_gap_to(measured[0]) > APART_UNITS * views.unit
-    if leaves:
-        filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
-    if leaves or np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
+    if turn_alone:
         measured = _on_turn(*measured, turn)
     plume = measure_plume(filled, *measured, 1 - strength.probability)
     return replace(
@@ -152,6 +154,11 @@ def _measure_turn(score: TurnScore, narrow: PlumeColumn, rng: np.random.Generato
         evidence_nats=strength.nats_per_view * len(views) + turn.sigmas**2 / 2,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
+
+
+def _leaves(turn: Turn, column: PlumeColumn, unit: float) -> bool:
+    """Whether an axis is not that of the turn."""
+    return turn.column.widest_gap_to(column) > APART_UNITS * unit
 
 
 def _on_turn(
