@@ -8,11 +8,13 @@ from geometry.grid import sum_evidence
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, find_turns
-from locate.fusion.matched.plumes import TurnSearch, column_of
+from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch, column_of
 from locate.fusion.matched.probability import passes, true_probability
 from locate.fusion.matched.scan import propose_turns
 from locate.fusion.matched.score import join_sides
+from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
+from locate.map.plume import Plume
 from tests.simulated_evidence import (
     NO_FAULTS,
     ColumnTruth,
@@ -56,6 +58,25 @@ def search_of(views: Views) -> TurnSearch:
     search = TurnSearch.of_views(views, grid, np.random.default_rng(0))
     assert search is not None
     return search
+
+
+@pytest.fixture(scope="module")
+def search(truth: ColumnTruth) -> TurnSearch:
+    """Of views with a plume well below the noise of a pixel."""
+    return search_of(views_of(truth, 0.4))
+
+
+@pytest.fixture(scope="module")
+def plume(search: TurnSearch) -> Plume:
+    """The only one there."""
+    (plume,) = search.find_plumes([], np.random.default_rng(1))
+    return plume
+
+
+def narrow_column(truth: ColumnTruth) -> Columns:
+    """The true column, its radius that of the largest displacement."""
+    slopes, width = truth.slope, truth.radius / RADIUS_WIDTHS
+    return PlumeColumn(np.array([*truth.source, *slopes, truth.height, width, 0.0])).as_columns
 
 
 def turns_of(views: Views) -> list[Turn]:
@@ -112,49 +133,39 @@ def test_gases_that_bend_light_inwards_are_rarer() -> None:
     assert true_probability(8.0, -3.0) == true_probability(8.0, 0.0)
 
 
-def test_what_a_few_views_show_is_not_what_the_views_agree_on(truth: ColumnTruth) -> None:
-    every, none = views_of(truth, 0.4), views_of(None, 0.0)
+def test_what_a_few_views_show_is_not_what_the_views_agree_on(
+    truth: ColumnTruth, search: TurnSearch
+) -> None:
+    every, none = search.score.filters.views, views_of(None, 0.0)
     few = replace(every, information=(*every.information[:4], *none.information[4:]))
-    rng = np.random.default_rng(0)
-    for views, agree in ((every, True), (few, False)):
-        score = search_of(views).score
-        strongest = find_turns(score, propose_turns(score.filters, search_of(views).grid), rng)[0]
-        agreed = score.agreed(strongest.column.as_columns)[0]
-        assert (agreed > 0.8 * strongest.sigmas) == agree
+    column = find_turns(search.score, narrow_column(truth), np.random.default_rng(0))[0].column
+    for each, agree in ((search.score, True), (search_of(few).score, False)):
+        agreed = each.agreed(column.as_columns)[0]
+        assert (agreed > 0.8 * each(column.as_columns)[0]) == agree
 
 
-def test_the_evidence_of_pixels_needs_a_turn(truth: ColumnTruth) -> None:
-    search = search_of(views_of(truth, 0.4))
-    (plume,) = search.find_plumes([], np.random.default_rng(1))
+def test_the_evidence_of_pixels_needs_a_turn(search: TurnSearch, plume: Plume) -> None:
     elsewhere = replace(plume, source=plume.source + np.array([2.0, 0, 0]), evidence_nats=1e4)
     kept = search.confirm([elsewhere, plume], np.random.default_rng(1))
     assert [each.source.tolist() for each in kept] == [plume.source.tolist()]
 
 
-def test_a_plume_without_evidence_of_pixels_is_measured(truth: ColumnTruth) -> None:
-    found = search_of(views_of(truth, 0.4)).find_plumes([], np.random.default_rng(1))
-    assert len(found) == 1
-    error = found[0].source - truth.source
+def test_a_plume_without_evidence_of_pixels_is_measured(truth: ColumnTruth, plume: Plume) -> None:
+    error = plume.source - truth.source
     assert np.linalg.norm(error[:2]) < 0.05 * 8.5
-    assert found[0].refractive_index == "lower"
-    assert 0.5 < found[0].probability < 1
+    assert plume.refractive_index == "lower"
+    assert 0.5 < plume.probability < 1
 
 
-def test_a_known_plume_is_not_found_again(truth: ColumnTruth) -> None:
-    search = search_of(views_of(truth, 0.4))
-    known = search.find_plumes([], np.random.default_rng(1))
-    assert search.find_plumes(known, np.random.default_rng(1)) == []
+def test_a_known_plume_is_not_found_again(search: TurnSearch, plume: Plume) -> None:
+    assert search.find_plumes([plume], np.random.default_rng(1)) == []
 
 
-def test_what_a_plume_explains_supports_no_other(truth: ColumnTruth) -> None:
-    search = search_of(views_of(truth, 0.4))
-    (plume,) = search.find_plumes([], np.random.default_rng(1))
-    turn = find_turns(
-        search.score,
-        propose_turns(search.score.filters, search.grid),
-        np.random.default_rng(0),
-    )[0].column
-    beside = turn.shifted(np.array([0.3, 0.0])).as_columns
+def test_what_a_plume_explains_supports_no_other(
+    truth: ColumnTruth, search: TurnSearch, plume: Plume
+) -> None:
+    turn = find_turns(search.score, narrow_column(truth), np.random.default_rng(0))[0].column
+    beside = turn.shifted(np.array([0.1, 0.0])).as_columns
     rest = search.score.without(column_of(plume))
     assert abs(search.score(turn.as_columns)[0]) > 10
     assert abs(rest(turn.as_columns)[0]) < 3
