@@ -10,8 +10,8 @@ from locate.journal.progress import Report, silent
 from locate.pipeline.detections import measure_frames
 from locate.recording.posed_frames import PosedFrames
 
-FEWEST_FRAMES = 4
-"""A process of its own starts for so many frames at least; chosen by hand."""
+FEWEST_FRAMES = 6
+"""A process of its own starts for so many frames at least: it costs as much as three frames."""
 MOST_BYTES = 3_000_000_000
 """Memory that all processes together may hold where frames are measured at full size; chosen."""
 OWN_BYTES, BYTES_PER_PIXEL = 600_000_000, 110
