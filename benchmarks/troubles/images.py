@@ -1,6 +1,7 @@
 """What may befall the frames of any recording, each by its name."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -90,13 +91,9 @@ def roll_shutter(images: Sequence[GreyImage], _rng: np.random.Generator) -> list
     """Rows read in half of the time between frames: each is shifted by its share of the motion."""
     height, width = images[0].shape
     rows = np.linspace(-0.25, 0.25, height, dtype=np.float32)[:, None, None]
-    motions = [
-        cv2.phaseCorrelate(before.astype(np.float32), after.astype(np.float32))[0]
-        for before, after in zip(images, [*images[1:], images[-1]], strict=True)
-    ]
     return [
         _displace(image, np.broadcast_to(rows * np.float32(motion), (height, width, 2)))
-        for image, motion in zip(images, motions, strict=True)
+        for image, motion in zip(images, motions_of(images), strict=True)
     ]
 
 
@@ -111,6 +108,86 @@ def leave(images: Sequence[GreyImage], _rng: np.random.Generator) -> list[GreyIm
     return list(images)
 
 
+@dataclass(frozen=True)
+class Moving:
+    """Something in the scene that moves; its place in the image follows the motion of the whole.
+
+    Attributes:
+        center: Of it in the first frame, 0 to 1 across and down.
+        size: Half of its width and height, likewise.
+        speed: Of its center, likewise, per frame.
+    """
+
+    center: tuple[float, float]
+    size: tuple[float, float]
+    speed: tuple[float, float] = (0.0, 0.0)
+
+    def weights(self, images: Sequence[GreyImage]) -> list[FloatMap]:
+        """(H, W, 1) 1 on it and 0 elsewhere, with soft edges, in each frame."""
+        height, width = images[0].shape
+        y, x = _unit_grid(height, width)
+        drifts = np.cumsum([(0.0, 0.0), *motions_of(images)[:-1]], axis=0) / (width, height)
+        places = drifts + self.center + np.arange(len(images))[:, None] * np.array(self.speed)
+        return [
+            np.exp(-(((x - u) / self.size[0]) ** 8) - ((y - v) / self.size[1]) ** 8)[
+                ..., None
+            ].astype(np.float32)
+            for u, v in places
+        ]
+
+
+BUSH = Moving((0.25, 0.4), (0.15, 0.2))
+FLAG = Moving((0.7, 0.25), (0.1, 0.08))
+WATER = Moving((0.5, 0.85), (0.6, 0.15))
+STEAM = Moving((0.65, 0.5), (0.06, 0.35))
+PERSON = Moving((-0.1, 0.6), (0.04, 0.25), (0.04, 0.0))
+CAR = Moving((1.3, 0.75), (0.15, 0.1), (-0.08, 0.0))
+
+
+def sway_leaves(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """A bush in the wind: each of its parts swings by some 2 px about its place."""
+    field = _random_field(images[0].shape, 2, rng)
+    swings = np.sin(rng.uniform(0, 2 * np.pi, len(images)))
+    return _displace_there(images, BUSH, [field * np.float32(swing) for swing in swings])
+
+
+def wave_flag(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """A flag: waves of 4 px run across it."""
+    height, width = images[0].shape
+    x = np.arange(width, dtype=np.float32) / width
+    fields = []
+    for phase in np.cumsum(rng.uniform(0.5, 2.0, len(images))):
+        wave = 4 * width / 640 * np.sin(60 * x - np.float32(phase))
+        fields.append(np.broadcast_to(wave[None, :, None], (height, width, 2)))
+    return _displace_there(images, FLAG, fields)
+
+
+def ripple_water(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """Water in the lowest part, whose surface shows something else in every frame."""
+    fields = [_random_field(image.shape, 3, rng) for image in images]
+    return _displace_there(images, WATER, fields)
+
+
+def let_off_steam(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """White steam, which hides up to two thirds of what is behind it."""
+    steamed = []
+    for image, weight in zip(images, STEAM.weights(images), strict=True):
+        field = _random_field(image.shape, 1, rng)[..., 0] * 640 / image.shape[1]
+        hidden = weight[..., 0] * np.clip(0.3 + 0.2 * field, 0, 0.67)
+        steamed.append(_whole(image * (1 - hidden) + 230 * hidden))
+    return steamed
+
+
+def walk_past(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """A person walks past before the scene, in some 25 frames."""
+    return _cross(images, PERSON, rng)
+
+
+def drive_past(images: Sequence[GreyImage], rng: np.random.Generator) -> list[GreyImage]:
+    """A car drives past before the scene, in some 15 frames."""
+    return _cross(images, CAR, rng)
+
+
 TROUBLES: dict[str, Trouble] = {
     "none": leave,
     "motion_blur": blur_by_motion,
@@ -123,9 +200,46 @@ TROUBLES: dict[str, Trouble] = {
     "distortion": distort,
     "rolling_shutter": roll_shutter,
     "jpeg": compress,
+    "people": walk_past,
+    "cars": drive_past,
+    "leaves": sway_leaves,
+    "flag": wave_flag,
+    "water": ripple_water,
+    "steam": let_off_steam,
     "wrong_focal": leave,
 }
 """By name; `wrong_focal` is what the run is told, not what befalls the frames."""
+
+
+def motions_of(images: Sequence[GreyImage]) -> list[tuple[float, float]]:
+    """By how much each frame as a whole moves until the next, px."""
+    return [
+        cv2.phaseCorrelate(before.astype(np.float32), after.astype(np.float32))[0]
+        for before, after in zip(images, [*images[1:], images[-1]], strict=True)
+    ]
+
+
+def _displace_there(
+    images: Sequence[GreyImage], moving: Moving, fields: Sequence[FloatMap]
+) -> list[GreyImage]:
+    return [
+        _displace(image, field * weight)
+        for image, field, weight in zip(images, fields, moving.weights(images), strict=True)
+    ]
+
+
+def _cross(
+    images: Sequence[GreyImage], moving: Moving, rng: np.random.Generator
+) -> list[GreyImage]:
+    """Covers each frame where the thing is by a texture of its own, which it carries along."""
+    height, width = images[0].shape
+    spots = rng.normal(90, 120, (height // 3, width // 3)).astype(np.float32)
+    texture = cv2.resize(cv2.GaussianBlur(spots, (0, 0), 1), (width, height))
+    covered = []
+    for number, (image, weight) in enumerate(zip(images, moving.weights(images), strict=True)):
+        carried = np.roll(texture, round(number * moving.speed[0] * width), axis=1)
+        covered.append(_whole(image * (1 - weight[..., 0]) + carried * weight[..., 0]))
+    return covered
 
 
 def _whole(values: np.ndarray) -> GreyImage:
