@@ -18,6 +18,7 @@ __all__ = ["app", "main"]
 def main() -> None:
     """Runs the command; every expected failure becomes one line and an exit code."""
     _leave_at_once_when_interrupted()
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # what it refuses is said in one line
     from locate.commands.app import app
 
     for stream in (sys.stdout, sys.stderr):

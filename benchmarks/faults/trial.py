@@ -20,9 +20,8 @@ from locate.recording.sample import SAMPLE_VIDEO
 from locate.recording.writer import LOSSLESS, open_video
 
 FRAMES, WIDTH = 6, 240
-OWN = (".stages", "log.jsonl", "report.html", "overlay.mp4", ".lock", ".stage.lock")
-"""Hold times, or nothing, or are coded by x264: it reads memory that it never wrote, so the same
-frames give files that differ. Their digests are held against the stamps."""
+OWN = (".stages", "log.jsonl", "report.html", ".lock", ".stage.lock")
+"""Hold times, or nothing. Their digests are held against the stamps."""
 Trouble = Callable[[], object]
 LOADED = app
 """All modules are loaded before the first run is forked."""

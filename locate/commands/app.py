@@ -16,6 +16,7 @@ from locate.commands.console import out
 from locate.commands.detect import detect
 from locate.commands.doctor import doctor
 from locate.commands.evaluate import evaluate
+from locate.commands.given_paths import refuse_pipes
 from locate.commands.pattern import pattern
 from locate.commands.plan import plan
 from locate.commands.robot import robot
@@ -41,6 +42,7 @@ def _ending_in_one_line(command: Callable[Given, None]) -> Callable[Given, None]
     @wraps(command)
     def run_interruptibly(*args: Given.args, **kwargs: Given.kwargs) -> None:
         with interruptible():
+            refuse_pipes([*args, *kwargs.values()])
             command(*args, **kwargs)
 
     return run_interruptibly

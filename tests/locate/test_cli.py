@@ -10,9 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from geometry.errors import INTERRUPTED, BadInputError, InterruptedRunError
 from locate import cli
+from locate.commands.app import app
 from locate.journal.progress import SIGNALS, interruptible
 from locate.recording.sample import SAMPLE_VIDEO
 
@@ -119,3 +121,35 @@ def test_an_error_of_the_system_ends_in_one_line(
     assert said.startswith("locate: ")
     assert said.count("\n") == 1
     assert text in said
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "run PIPE",
+        "run VIDEO --poses PIPE",
+        "run VIDEO --telemetry PIPE",
+        "run VIDEO -o PIPE",
+        "survey VIDEO PIPE",
+        "simulate PIPE",
+        "evaluate PIPE --truth PIPE",
+        "detect PIPE",
+        "calibrate PIPE --board 9x6",
+        "view PIPE",
+        "doctor PIPE",
+    ],
+)
+@pytest.mark.parametrize("device", [False, True])
+def test_a_pipe_or_a_device_is_refused_and_not_waited_for(
+    tmp_path: Path, arguments: str, device: bool
+) -> None:
+    pipe = Path("/dev/zero") if device else tmp_path / "a.mp4"
+    if not device:
+        os.mkfifo(pipe)
+    given = {"PIPE": str(pipe), "VIDEO": str(SAMPLE_VIDEO)}
+    words = [given.get(word, word) for word in arguments.split()]
+    output = [] if {"-o", "evaluate", "view", "doctor"} & {*words} else ["-o", str(tmp_path / "o")]
+    said = CliRunner().invoke(app, [*words, *output])
+    assert isinstance(said.exception, BadInputError)
+    assert f"{pipe}: a pipe or a device" in str(said.exception)
+    assert not (tmp_path / "o").exists()

@@ -1,5 +1,8 @@
 """The overlay video of a run."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,3 +89,26 @@ def test_a_long_video_has_one_only_where_it_is_asked_for() -> None:
     assert [wants_overlay(None, one) for one in (short, long, photos)] == [True, False, True]
     assert [wants_overlay(asked, short) for asked in (True, False)] == [True, False]
     assert wants_overlay(True, replace(long, static=True))
+
+
+CODED_IN_STRANGE_MEMORY = """
+import sys
+from pathlib import Path
+from locate.pipeline.overlay import CODING
+from locate.recording.sample import SAMPLE_VIDEO
+from locate.recording import open_recording
+from locate.recording.writer import open_video
+
+with open_video(Path(sys.argv[1]), size=(200, 150), fps=10.0, options=CODING) as video:
+    for frame in open_recording(SAMPLE_VIDEO).frames():
+        video.write(frame.image[:150, :200])
+"""
+
+
+def test_the_same_frames_are_coded_the_same_whatever_memory_held(tmp_path: Path) -> None:
+    for fill in ("1", "129"):
+        path = tmp_path / f"{fill}.mp4"
+        command = [sys.executable, "-c", CODED_IN_STRANGE_MEMORY, path]
+        environment = {**os.environ, "MALLOC_PERTURB_": fill}
+        subprocess.run(command, check=True, env=environment)
+    assert (tmp_path / "1.mp4").read_bytes() == (tmp_path / "129.mp4").read_bytes()
