@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -66,17 +65,17 @@ def fail_at_changes(whole: Whole, output: Path, step: int) -> Iterator[Loss]:
 
 
 def damage_files(whole: Whole, output: Path, step: int) -> Iterator[Loss]:
-    """Each file of a finished run by half, a bit, all or itself gone: every `step`-th of these."""
+    """Every `step`-th file of a finished run: half of it, one bit, all or the file itself gone."""
     names = sorted(
         path.relative_to(whole.folder) for path in whole.folder.rglob("*") if path.is_file()
     )
-    damages: list[Callable[[Path], object]] = [_halve, _flip_bit, _empty, Path.unlink]
-    for name, damage in list(product(names, damages))[::step]:
-        shutil.copytree(whole.folder, output)
-        damage(output / name)
-        loss = whole.resume(output)
-        yield loss and f"{name} {damage.__name__.strip('_')}: {loss}"
-        shutil.rmtree(output)
+    for name in names[::step]:
+        for damage in (_halve, _flip_bit, _empty, Path.unlink):
+            shutil.copytree(whole.folder, output)
+            damage(output / name)
+            loss = whole.resume(output)
+            yield loss and f"{name} {damage.__name__.strip('_')}: {loss}"
+            shutil.rmtree(output)
 
 
 def _halve(path: Path) -> None:

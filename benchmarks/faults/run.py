@@ -24,7 +24,7 @@ from benchmarks.faults.trial import Whole
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kills", type=int, default=60, help="kills at random moments")
-    parser.add_argument("--step", type=int, default=1, help="every how many changes and damages")
+    parser.add_argument("--step", type=int, default=1, help="every how many changes and files")
     parser.add_argument(
         "--tries", type=int, default=6, help="full disks of each kind, pairs of runs"
     )
