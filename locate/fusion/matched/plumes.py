@@ -7,12 +7,13 @@ from typing import Self
 
 import numpy as np
 
+from detect.kinds import CLUTTER_NATS
 from geometry.grid import EvidenceGrid
 from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
-from locate.fusion.matched.fit import APART_UNITS, Turn, find_turns, strongest_turn_near
+from locate.fusion.matched.fit import Turn, find_turns, strongest_turn_near
 from locate.fusion.matched.probability import LEAST_PROBABILITY, ColumnStrength
 from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
 from locate.fusion.matched.score import TurnScore
@@ -32,6 +33,10 @@ STARTS, START_UNITS = 12, 0.1
 units of fusion; chosen by hand."""
 NEAR_ROUNDS = ALL_ROUNDS[8:14]
 """Of that search: it begins with small steps; chosen by hand."""
+SAME_AXIS_UNITS, SAME_STRONG_AXIS_UNITS = 0.3, 0.8
+"""Within how many units of fusion of a turn the axis by pixels is that of the same plume: where
+these have less evidence than clutter may, and where they have more. The first was set on two plumes
+of weak pixels, the second on seven of strong ones (docs/weak_plumes.md)."""
 MOSTLY_SILENT = 0.5
 """Share of the views without evidence of pixels above which the axis is the turn's own: sections of
 single views place it worse then. Set on six places of one recording (docs/weak_plumes.md)."""
@@ -138,15 +143,15 @@ def _measure_turn(score: TurnScore, narrow: PlumeColumn, rng: np.random.Generato
     turn = Turn(narrow, float(score(narrow.as_columns)[0]))
     filled = with_turn_evidence(views, turn)
     measured = find_axis(filled, column, rng)
-    turn_alone = bool(np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT)
-    if measured is not None and _leaves(turn, measured[0], views.unit):
-        # The evidence of pixels lies elsewhere: what they say for the turn counts alone.
-        filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
-        turn_alone = True
-        measured = find_axis(filled, column, rng)
     if measured is None:
         return None
-    if turn_alone:
+    weak = strength.nats_per_view < CLUTTER_NATS
+    near = SAME_AXIS_UNITS if weak else SAME_STRONG_AXIS_UNITS
+    if turn.column.widest_gap_to(measured[0]) > near * views.unit:
+        # The evidence of pixels lies elsewhere: what they say for the turn counts alone.
+        filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
+        measured = _on_turn(*(find_axis(filled, column, rng) or measured), turn)
+    elif np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
         measured = _on_turn(*measured, turn)
     plume = measure_plume(filled, *measured, 1 - strength.probability)
     return replace(
@@ -154,11 +159,6 @@ def _measure_turn(score: TurnScore, narrow: PlumeColumn, rng: np.random.Generato
         evidence_nats=strength.nats_per_view * len(views) + turn.sigmas**2 / 2,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
-
-
-def _leaves(turn: Turn, column: PlumeColumn, unit: float) -> bool:
-    """Whether an axis is not that of the turn."""
-    return turn.column.widest_gap_to(column) > APART_UNITS * unit
 
 
 def _on_turn(
