@@ -29,9 +29,9 @@ from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording.recording import open_recording
-from locate.recording.writer import LOSSLESS, open_video
+from locate.recording.writer import H264
 from locate.simulation import Scene, random_scene
-from locate.simulation.compression import compress_h264
+from locate.simulation.compression import write_coded
 
 KINDS = ("leak", "wind", "clean")
 SEEDS = range(8100, 8108)
@@ -59,17 +59,14 @@ def shrink(image: GreyImage) -> GreyImage:
 
 
 def code(folder: Path, bits_per_pixel: float) -> Path:
-    """The folder of the recording as H.264 leaves it, made where it is missing."""
+    """The folder of the recording stored as H.264, made where it is missing."""
     coded = folder.with_name(f"{folder.name}_{bits_per_pixel:g}")
     if (coded / "truth.json").exists():
         return coded
     images = [frame.image for frame in open_recording(folder / "video.mkv").frames()]
     fps = Scene.load(folder / "scene.yaml").video.fps
     shutil.copytree(folder / "truth", coded / "truth", dirs_exist_ok=True)
-    size = images[0].shape[::-1]
-    with open_video(coded / "video.mkv", size=size, fps=fps, codec=LOSSLESS) as video:
-        for image in compress_h264(images, fps, bits_per_pixel=bits_per_pixel):
-            video.write(image)
+    write_coded(coded / "video.mkv", images, fps, codec=H264, bits_per_pixel=bits_per_pixel)
     shutil.copy(folder / "truth.json", coded)
     return coded
 
@@ -80,8 +77,10 @@ def evaluate_recording(folder: Path) -> str:
     nats = ", ".join(f"{bearing.evidence_nats:.0f}" for bearing in plume_map.bearings)
     true = "; ".join(f"{b.error_deg:.1f} deg, {b.sigmas:.1f} sigma" for b in verdict.bearings)
     left_out = [note for note in plume_map.notes if "to and fro" in note]
+    limit_px = plume_map.detection_limit_px
     return (
-        f"{folder.name} | bearings of {nats or '-'} nats | true {true or '-'} | "
+        f"{folder.name} | limit {'-' if limit_px is None else f'{limit_px:.2f} px'} | "
+        f"bearings of {nats or '-'} nats | true {true or '-'} | "
         f"false {len(verdict.false_plumes)} | {left_out[0].split(' as ')[0] if left_out else '-'}"
     )
 

@@ -17,7 +17,7 @@ from locate.fusion.limit import RADIUS_UNITS
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
-from locate.map.answer import Answer, Obstacle
+from locate.map.answer import Answer, Cause, Obstacle
 from locate.map.plume import PlumeMap
 from locate.pipeline.detections import load_detections, load_response
 from locate.pipeline.evidence import save_evidence
@@ -54,11 +54,14 @@ def write_map(
         foreseen: Obstacles that the frames themselves show.
         report: Takes the progress.
     """
-    plume_map = fuse_detections(files.detections, posed, target.evidence, seed=seed, report=report)
+    plume_map = fuse_detections(
+        files.detections, posed, target.evidence, seed=seed, foreseen=foreseen, report=report
+    )
     placement = Placement.load(files.placement)
     plume_map = placement.with_uncertainty(plume_map)
     if plume_map.answer is Answer.NOT_JUDGED:
-        plume_map = replace(plume_map, obstacles=(*foreseen, *plume_map.obstacles))
+        others = [each for each in plume_map.obstacles if each not in foreseen]
+        plume_map = replace(plume_map, obstacles=(*foreseen, *others))
     else:
         notes = (*notes, *(obstacle.why for obstacle in foreseen))
     notes = (*plume_map.notes, *placement.notes, *notes)
@@ -68,7 +71,13 @@ def write_map(
 
 
 def fuse_detections(
-    detections: Path, posed: PosedFrames, evidence: Path, *, seed: int, report: Report = silent
+    detections: Path,
+    posed: PosedFrames,
+    evidence: Path,
+    *,
+    seed: int,
+    foreseen: Sequence[Obstacle] = (),
+    report: Report = silent,
 ) -> PlumeMap:
     """Fuses the detections; writes the summed evidence where there is any.
 
@@ -77,6 +86,7 @@ def fuse_detections(
         posed: The frames.
         evidence: The .npz to write; a camera at rest has none.
         seed: Of every random choice.
+        foreseen: Obstacles that the frames themselves show.
         report: Takes the progress.
     """
     stored_name, indices, measured = load_detections(detections)
@@ -84,7 +94,9 @@ def fuse_detections(
     trajectory = posed.undistorted_trajectory()
     if trajectory is None:
         response = load_response(detections)
-        plume_map = map_bearings(measured, detector, posed, response=response, seed=seed)
+        plume_map = map_bearings(
+            measured, detector, posed, response=response, seed=seed, foreseen=foreseen
+        )
         report("fusion", 1.0)
         return plume_map
     views = Views.from_detections(measured, trajectory.take(posed.rows_of(indices)))
@@ -119,8 +131,10 @@ def map_bearings(
     *,
     response: Response | None,
     seed: int,
+    foreseen: Sequence[Obstacle] = (),
 ) -> PlumeMap:
     """The map of a camera at rest: directions to plumes."""
+    coding = tuple(each for each in foreseen if each.cause is Cause.COARSE_CODING)
     images = posed.steady()
     haze = measure_haze(images)
     seen = find_bearings(
@@ -129,6 +143,7 @@ def map_bearings(
         consecutive=images[posed.longest_sequence()],
         haze=haze,
         shaking_px=images.shaking_px,
+        coarse_coding=bool(coding),
         response=response,
         seed=seed,
     )
@@ -141,7 +156,7 @@ def map_bearings(
         bearings=seen.bearings,
         haze=haze,
         detection_limit_px=seen.limit_px,
-        obstacles=() if judged else measured_obstacles(found, depth=True),
+        obstacles=() if judged else coding or measured_obstacles(found, depth=True),
         notes=(ONE_VIEWPOINT, *seen.notes),
     )
 

@@ -118,3 +118,16 @@ def test_a_plume_of_the_limit_is_found_and_a_far_weaker_one_is_not() -> None:
 def test_without_evidence_there_is_no_limit() -> None:
     silent = [Detection.without_evidence((120, 160)) for _ in range(10)]
     assert find_bearings(silent, CAMERA).limit_px is None
+
+
+def test_noise_of_a_coarse_codec_leaves_no_limit() -> None:
+    rng = np.random.default_rng(3)
+    seen, held = [measured(rng, 0.05) for _ in range(10)], frames(0.0, held=4)
+    fine, coarse, calm = (
+        find_bearings(seen, CAMERA, consecutive=images, coarse_coding=coding)
+        for images, coding in ((held, False), (held, True), (frames(0.0), True))
+    )
+    assert EVERYWHERE in fine.notes
+    assert fine.limit_px is not None
+    assert coarse.limit_px is None
+    assert calm.limit_px is not None

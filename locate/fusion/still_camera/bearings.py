@@ -47,7 +47,8 @@ class StillCameraResult(NamedTuple):
     Attributes:
         bearings: Strongest first.
         notes: What limits them.
-        limit_px: The weakest plume that single frames would show, px; None where they show none.
+        limit_px: The weakest plume that single frames would show, px; None where they show none, or
+            it is not known.
     """
 
     bearings: tuple[Bearing, ...]
@@ -62,6 +63,7 @@ def find_bearings(
     consecutive: Sequence[GreyImage] = (),
     haze: Haze | None = None,
     shaking_px: float = 0.0,
+    coarse_coding: bool = False,
     response: Response | None = None,
     seed: int = 0,
 ) -> StillCameraResult:
@@ -74,6 +76,8 @@ def find_bearings(
         haze: Of the whole image; then only what moves far more in single frames is a plume.
         shaking_px: Root mean square of the camera's own motion, which was taken out, px of the
             frames. What stands near moves by about as much more, and is no plume.
+        coarse_coding: The video has few bits a pixel. Where noise of its codec lasts all over the
+            image, single frames look calmer than they are, and no limit can be stated.
         response: Of the detector; None: the hand-made formula.
         seed: Of the random shifts and orders of the nulls.
     """
@@ -97,10 +101,11 @@ def find_bearings(
     notes = coherent.notes
     if len(moved) < len(others):
         notes = (*notes, _shaken_note(shaking_px, len(others) - len(moved)))
+    unknown = coarse_coding and coherent.everywhere
     return StillCameraResult(
         _to_bearings([*coherent.regions, *moved], small),
         notes,
-        frames.limit_px(response, least_px),
+        None if unknown else frames.limit_px(response, least_px),
     )
 
 

@@ -42,11 +42,13 @@ class CoherentRegions(NamedTuple):
         regions: Those that may be air.
         oscillating: (H, W) where something oscillates.
         notes: What limits this.
+        everywhere: Something lasts all over the image, and hides what is coherent.
     """
 
     regions: list[ImageRegion]
     oscillating: BoolArray
     notes: tuple[str, ...]
+    everywhere: bool = False
 
 
 def find_coherent_regions(
@@ -65,7 +67,7 @@ def find_coherent_regions(
     small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in images]
     measured = Fluctuation.measure(small, rng)
     if measured.is_everywhere:
-        return CoherentRegions([], still, (EVERYWHERE,))
+        return CoherentRegions([], still, (EVERYWHERE,), everywhere=True)
     samples = correlation_area(measured.shuffled_sigmas)
     null = NullLevel.from_draws(
         [_strongest_region(sigmas, samples) for sigmas in measured.shuffled_sigmas]
