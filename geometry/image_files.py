@@ -9,13 +9,21 @@ from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError, describe_error
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a path is a pipe, a socket or a device, which end when somebody else likes."""
+    try:
+        return path.exists() and not path.is_file() and not path.is_dir()
+    except OSError:
+        return False  # said by who reads it
+
+
 def refuse_streams(path: Path) -> None:
     """Refuses what cannot be read twice.
 
     Raises:
         BadInputError: It is a pipe or a device.
     """
-    if path.exists() and not path.is_file() and not path.is_dir():
+    if is_stream(path):
         raise BadInputError(f"{path}: is a pipe or a device; store it as a file and give that")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from detect.differential import LeastSquaresWindow
 from detect.flow import dis_matcher
 from detect.information import DisplacementInformation
-from detect.registered.full_size import FullSizeFrames
+from detect.registered.full_size import BORDER_PX, FullSizeFrames
 from detect.registered.information import RegisteredFrames, displacement_information
 from detect.registered.pose_errors import SOME, PoseErrors
 from detect.registered.robust_separation import RegisteredNeighbours, median_map, separate_robust
@@ -24,7 +24,6 @@ from detect.warp import blur, gradients, sample
 from geometry.arrays import FloatMap, GreyImage
 from geometry.epipolar import EpipolarGeometry
 
-BORDER_PX = 2
 PRESMOOTHING_PX = 0.7
 WINDOW_PX = 2.0
 """Standard deviation of the window in which displacement is measured."""

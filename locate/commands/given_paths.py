@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from geometry.errors import BadInputError
+from geometry.image_files import is_stream
 
 
 def refuse_pipes(given: Iterable[object]) -> None:
@@ -17,12 +18,5 @@ def refuse_pipes(given: Iterable[object]) -> None:
     """
     for value in given:
         for path in value if isinstance(value, list | tuple) else [value]:
-            if isinstance(path, str | Path) and _is_endless(Path(path)):
+            if isinstance(path, str | Path) and is_stream(Path(path)):
                 raise BadInputError(f"{path}: a pipe or a device; give a file or a folder")
-
-
-def _is_endless(path: Path) -> bool:
-    try:
-        return path.exists() and not (path.is_file() or path.is_dir())
-    except OSError:
-        return False  # said by who reads it

@@ -8,7 +8,7 @@ import numpy as np
 from detect.registry import DetectorChoice
 from detect.response import Response
 from geometry.grid import EvidenceGrid
-from locate.fusion.fuse import FusionResult, fuse, number_plumes
+from locate.fusion.fuse import fuse, number_plumes
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.views import Views
@@ -75,7 +75,11 @@ def find_plumes(
         confirmed = turns.confirm(fused.plumes, rng)
         plumes = confirmed + turns.find_plumes(confirmed, rng)
     # 3. What would have been seen.
-    limit_px = _limit_px(views, fused, turns, response, seed)
+    limit_px = None
+    if fused.grid is not None:
+        limit_px = detection_limit_px(
+            views, fused.threshold_nats, response=response, seed=seed, turns=turns
+        )
     progress(1.0)
     return FoundPlumes(
         plumes=number_plumes(plumes),
@@ -85,20 +89,6 @@ def find_plumes(
         grid=fused.grid,
         threshold_nats=fused.threshold_nats,
         limit_px=limit_px,
-    )
-
-
-def _limit_px(
-    views: Views,
-    fused: FusionResult,
-    turns: TurnSearch | None,
-    response: Response | None,
-    seed: int,
-) -> float | None:
-    if fused.grid is None:
-        return None
-    return detection_limit_px(
-        views, fused.threshold_nats, response=response, seed=seed, turns=turns
     )
 
 

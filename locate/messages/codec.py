@@ -139,9 +139,8 @@ class GreyReader:
         stretch = Stretch.choose([*self._set_by, kept])
         if stretch is None:  # no value is a number
             return np.zeros(image.shape, np.uint8)
-        if float(np.nanmin(image)) < float(
-            np.nanmax(image)
-        ):  # a plain image says nothing of the next
+        darkest, brightest = float(np.nanmin(image)), float(np.nanmax(image))
+        if darkest < brightest:  # a plain image says nothing of the next
             self._set_by.append(kept)
             self._stretch = stretch
         return stretch.apply(image)

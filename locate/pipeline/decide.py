@@ -55,13 +55,17 @@ def write_map(
         report: Takes the progress.
     """
     plume_map = fuse_detections(
-        files.detections, posed, target.evidence, seed=seed, foreseen=foreseen, report=report
+        files.detections,
+        posed,
+        target.evidence,
+        seed=seed,
+        coarse_coding=any(each.cause is Cause.COARSE_CODING for each in foreseen),
+        report=report,
     )
     placement = Placement.load(files.placement)
     plume_map = placement.with_uncertainty(plume_map)
     if plume_map.answer is Answer.NOT_JUDGED:
-        others = [each for each in plume_map.obstacles if each not in foreseen]
-        plume_map = replace(plume_map, obstacles=(*foreseen, *others))
+        plume_map = replace(plume_map, obstacles=(*foreseen, *plume_map.obstacles))
     else:
         notes = (*notes, *(obstacle.why for obstacle in foreseen))
     notes = (*plume_map.notes, *placement.notes, *notes)
@@ -76,7 +80,7 @@ def fuse_detections(
     evidence: Path,
     *,
     seed: int,
-    foreseen: Sequence[Obstacle] = (),
+    coarse_coding: bool = False,
     report: Report = silent,
 ) -> PlumeMap:
     """Fuses the detections; writes the summed evidence where there is any.
@@ -86,7 +90,7 @@ def fuse_detections(
         posed: The frames.
         evidence: The .npz to write; a camera at rest has none.
         seed: Of every random choice.
-        foreseen: Obstacles that the frames themselves show.
+        coarse_coding: The video has few bits a pixel.
         report: Takes the progress.
     """
     stored_name, indices, measured = load_detections(detections)
@@ -95,7 +99,7 @@ def fuse_detections(
     if trajectory is None:
         response = load_response(detections)
         plume_map = map_bearings(
-            measured, detector, posed, response=response, seed=seed, foreseen=foreseen
+            measured, detector, posed, response=response, seed=seed, coarse_coding=coarse_coding
         )
         report("fusion", 1.0)
         return plume_map
@@ -131,10 +135,12 @@ def map_bearings(
     *,
     response: Response | None,
     seed: int,
-    foreseen: Sequence[Obstacle] = (),
+    coarse_coding: bool = False,
 ) -> PlumeMap:
-    """The map of a camera at rest: directions to plumes."""
-    coding = tuple(each for each in foreseen if each.cause is Cause.COARSE_CODING)
+    """The map of a camera at rest: directions to plumes.
+
+    Coarse coding explains by itself why nothing can be judged.
+    """
     images = posed.steady()
     haze = measure_haze(images)
     seen = find_bearings(
@@ -143,7 +149,7 @@ def map_bearings(
         consecutive=images[posed.longest_sequence()],
         haze=haze,
         shaking_px=images.shaking_px,
-        coarse_coding=bool(coding),
+        coarse_coding=coarse_coding,
         response=response,
         seed=seed,
     )
@@ -156,7 +162,7 @@ def map_bearings(
         bearings=seen.bearings,
         haze=haze,
         detection_limit_px=seen.limit_px,
-        obstacles=() if judged else coding or measured_obstacles(found, depth=True),
+        obstacles=() if judged or coarse_coding else measured_obstacles(found, depth=True),
         notes=(ONE_VIEWPOINT, *seen.notes),
     )
 
