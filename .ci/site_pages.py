@@ -1,8 +1,4 @@
-"""For mkdocs: what a forge shows by itself and a site does not.
-
-A link to a file of the repository outside of docs/ leads to the repository's page; a line that is
-nothing but a link to a .csv becomes its table, folded.
-"""
+"""For mkdocs: a line that is nothing but a link to a .csv becomes its table, folded."""
 
 import csv
 import re
@@ -10,17 +6,12 @@ from pathlib import Path
 from posixpath import dirname, join, normpath
 from typing import Any
 
-TARGET = re.compile(r"(?<=\]\()(\.\./[^)\s]+)(?=\))")
 TABLE = re.compile(r"^\[([^\]]+)\]\(([^)\s]+\.csv)\)$", re.MULTILINE)
 
 
 def on_page_markdown(markdown: str, *, page: Any, config: Any, **_: Any) -> str:
     """The text of a page as the site shows it."""
     folder = dirname(page.file.src_uri)
-
-    def absolute(found: re.Match[str]) -> str:
-        path = normpath(join("docs", folder, found[1]))
-        return found[1] if path.startswith("docs/") else f"{config.repo_url}/blob/main/{path}"
 
     def table(found: re.Match[str]) -> str:
         path = Path(config.docs_dir, normpath(join(folder, found[2])))
@@ -29,4 +20,4 @@ def on_page_markdown(markdown: str, *, page: Any, config: Any, **_: Any) -> str:
         lines = (f"    | {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
         return f'??? note "{found[1]}"\n\n' + "\n".join(lines) + "\n"
 
-    return TARGET.sub(absolute, TABLE.sub(table, markdown))
+    return TABLE.sub(table, markdown)
