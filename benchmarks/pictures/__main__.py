@@ -1,3 +1,3 @@
 from benchmarks.common.commands import run
 
-run(__package__, "filming", "arcs", "chain", "report")
+run(__package__, "filming", "arcs", "chain", "report", "turns")

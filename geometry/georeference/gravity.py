@@ -6,10 +6,8 @@ from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference.constraints import UpConstraint
 from geometry.georeference.ground import ground_plane
+from geometry.normal_errors import MAD_TO_SIGMA
 from geometry.trajectory import Trajectory
-
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation, of a Gaussian."""
 
 
 def up_from_gimbal(

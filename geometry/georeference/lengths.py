@@ -10,10 +10,9 @@ from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError
 from geometry.georeference.constraints import ScaleConstraint
 from geometry.georeference.ground import ground_plane
+from geometry.normal_errors import MAD_TO_SIGMA
 from geometry.trajectory import Trajectory
 
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation, of a Gaussian."""
 ROBUST_SIGMAS = 3.0
 """Residual, in sigmas, beyond which the soft L1 loss grows linearly; chosen."""
 MAX_MISFIT = 4.0

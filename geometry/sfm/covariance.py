@@ -13,14 +13,13 @@ import numpy as np
 import pycolmap
 
 from geometry.arrays import FloatArray, IntArray
+from geometry.normal_errors import MAD_TO_SIGMA
 from geometry.sfm.features import THREADS
 
 TiedBy = Literal["tracks", "SIFT"]
 """What ties frames together."""
 INFLATION: dict[TiedBy, float] = {"tracks": 4.5, "SIFT": 3.0}
 """Factor on the formal standard deviations; how it was set is at `pose_covariances`."""
-_MAD_TO_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation, of a Gaussian."""
 
 
 def pose_covariances(
@@ -133,7 +132,7 @@ def residual_sigma_px(model: pycolmap.Reconstruction) -> float:
     stacked = np.concatenate(residuals)
     unknowns = 6 * model.num_reg_images() + 3 * model.num_points3D()
     lost = np.sqrt(stacked.size / max(stacked.size - unknowns, 1))
-    return float(_MAD_TO_SIGMA * np.median(np.abs(stacked)) * lost)
+    return float(MAD_TO_SIGMA * np.median(np.abs(stacked)) * lost)
 
 
 def _gauge_fixed_covariance(

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.normal_errors import MAD_TO_SIGMA
 from locate.telemetry.resample import interpolate
 from locate.telemetry.track import MAX_GAP_S, METRES_PER_DEGREE, TelemetryTrack
 
@@ -77,7 +78,7 @@ def _without_jumps(track: TelemetryTrack) -> TelemetryTrack:
     kept = np.ones(len(track), dtype=bool)
     for values in (track.latitude_deg, track.longitude_deg, np.nan_to_num(track.altitude_m)):
         away = np.abs(values - median_filter(values, _NEIGHBOURS, mode="nearest"))
-        scale = 1.4826 * np.median(away[away > 0]) if (away > 0).any() else 0.0
+        scale = MAD_TO_SIGMA * np.median(away[away > 0]) if (away > 0).any() else 0.0
         kept &= away <= _FAR * scale
     return track.take(kept)
 
@@ -118,5 +119,5 @@ def clip_spikes(values: FloatArray) -> FloatArray:
     if not len(known):
         return values
     median = np.median(known)
-    spread = 1.4826 * np.median(np.abs(known - median))
+    spread = MAD_TO_SIGMA * np.median(np.abs(known - median))
     return np.asarray(np.minimum(values, median + 5 * max(spread, 0.1 * median)))

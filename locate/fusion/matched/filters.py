@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.grid import lever_gate
+from geometry.normal_errors import MAD_TO_SIGMA
 from locate.fusion.search.score import NEAREST_DEPTH_UNITS
 from locate.fusion.views import Views
 
@@ -32,8 +33,6 @@ LEAST_KNOWN = 0.05
 """Of the information that the best tenth of a view holds: less counts as none; chosen by hand."""
 MOST_SIGMAS = 3.0
 """No side of any place counts for more: an edge with a wrong depth is no plume; chosen by hand."""
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of normal errors per median absolute deviation."""
 SIDES = 2
 
 

@@ -118,38 +118,54 @@ def _cumulate(maps: FloatMap) -> FloatMap:
     return np.concatenate([np.zeros_like(maps[:1]), np.cumsum(maps, axis=0)])
 
 
-def find_peaks(volume: TurnVolume, unit: float) -> Columns:
-    """The columns of one width that turn most, of those near each other the best alone.
+@dataclass(frozen=True, kw_only=True)
+class StrongestByPlace:
+    """The column of one width that turns most at each place of a grid, seen from above.
 
-    Their radius is the width.
+    Attributes:
+        sigmas: (Y, X) of it, without sign; 0 where no column is shown.
+        columns: (Y, X, 8) the column, its radius the width.
     """
-    shape = volume.weight.shape[1:]
-    best = np.zeros(shape, np.float32)
-    rows = np.zeros((*shape, 4))
-    for sigmas, slopes, count in volume.sheared_sigmas(unit):
-        size = np.abs(sigmas)
-        lowest = size.argmax(axis=0)
-        top = np.take_along_axis(size, lowest[None], axis=0)[0]
-        better = top > best
-        best[better] = top[better]
-        rows[better] = np.column_stack(
-            [lowest[better], np.broadcast_to([*slopes, count], (int(better.sum()), 3))]
-        )
+
+    sigmas: FloatMap
+    columns: FloatArray
+
+    @classmethod
+    def of(cls, volume: TurnVolume, unit: float) -> Self:
+        """Compares all slopes, lengths and heights at each place."""
+        shape = volume.weight.shape[1:]
+        best = np.zeros(shape, np.float32)
+        rows = np.zeros((*shape, 4))
+        for sigmas, slopes, count in volume.sheared_sigmas(unit):
+            size = np.abs(sigmas)
+            lowest = size.argmax(axis=0)
+            top = np.take_along_axis(size, lowest[None], axis=0)[0]
+            better = top > best
+            best[better] = top[better]
+            rows[better] = np.column_stack(
+                [lowest[better], np.broadcast_to([*slopes, count], (int(better.sum()), 3))]
+            )
+        lowest, slope_x, slope_y, count = np.moveaxis(rows, -1, 0)
+        step_x, step_y, step_z = volume.spacing
+        rise = lowest * step_z
+        columns = np.zeros((*shape, 8))
+        columns[..., 0] = volume.low[0] + np.arange(shape[1]) * step_x + slope_x * rise
+        columns[..., 1] = volume.low[1] + np.arange(shape[0])[:, None] * step_y + slope_y * rise
+        columns[..., 2] = volume.low[2] + rise
+        columns[..., 3:6] = np.stack([slope_x, slope_y, count * step_z], axis=-1)
+        columns[..., 6] = volume.width
+        return cls(sigmas=best, columns=columns)
+
+
+def find_peaks(volume: TurnVolume, unit: float) -> Columns:
+    """The columns of one width that turn most, of those near each other the best alone."""
+    strongest = StrongestByPlace.of(volume, unit)
+    best = strongest.sigmas
     side = 2 * max(1, round(APART_UNITS * unit / volume.spacing[0])) + 1
     peak = (best == cv2.dilate(best, np.ones((side, side), np.uint8))) & (best > 0)
     y, x = np.nonzero(peak)
-    strongest = np.argsort(-best[y, x], kind="stable")[:PEAKS_OF_WIDTH]
-    y, x = y[strongest], x[strongest]
-    lowest, slope_x, slope_y, count = rows[y, x].T
-    rise = lowest * volume.spacing[2]
-    step_x, step_y, step_z = volume.spacing
-    columns = np.zeros((len(x), 8))
-    columns[:, 0] = volume.low[0] + x * step_x + slope_x * rise
-    columns[:, 1] = volume.low[1] + y * step_y + slope_y * rise
-    columns[:, 2] = volume.low[2] + rise
-    columns[:, 3:6] = np.column_stack([slope_x, slope_y, count * step_z])
-    columns[:, 6] = volume.width
-    return Columns(columns)
+    kept = np.argsort(-best[y, x], kind="stable")[:PEAKS_OF_WIDTH]
+    return Columns(strongest.columns[y[kept], x[kept]])
 
 
 def propose_turns(filters: TurnFilters, grid: EvidenceGrid) -> Columns:

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
+from geometry.normal_errors import MEDIAN_SPREAD
 from locate.fusion.matched.filters import (
     MOST_SIGMAS,
     SIDES,
@@ -39,8 +40,6 @@ FEWEST_VIEWS = 4.0
 """Views that must show a column."""
 SEEN = 0.1
 """Weight from which on a view shows a column."""
-MEDIAN_SIGMA = 1.25
-"""Standard deviation of the median of normal errors over that of their mean."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +73,7 @@ class ViewTurns:
         seen = shown.any(axis=0)
         typical = np.zeros(len(sign))
         typical[seen] = np.nanmedian(weaker[:, seen], axis=0)
-        joined = np.sqrt(2 * shown.sum(axis=0)) * typical / MEDIAN_SIGMA
+        joined = np.sqrt(2 * shown.sum(axis=0)) * typical / MEDIAN_SPREAD
         return np.asarray(sign * np.maximum(joined, 0))
 
     @property

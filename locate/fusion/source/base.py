@@ -5,6 +5,11 @@ close behind the base: the lowest evidence lies above the source. The source is 
 between that end and the surface which the axis meets below it, with the evidence against
 every height in between. Where something nearer covers the axis first, the surface is not
 seen, and every height down to the lowest background is as likely.
+
+A height belongs to the plume where it shows about as much as the plume does further up, pixel for
+pixel. That is less than it takes to be a plume rather than none: evidence also leaks below the
+source, and where the surface is close nothing can be seen. In some plumes the evidence along the
+axis misleads; so it never rules a height out.
 """
 
 from dataclasses import dataclass
@@ -13,8 +18,9 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.grid import relative_lever
+from geometry.normal_errors import MAD_TO_SIGMA, MEDIAN_SPREAD
 from locate.fusion.search.columns import PlumeColumn
-from locate.fusion.search.score import score_columns
+from locate.fusion.search.score import sum_over_outlines
 from locate.fusion.views import Views
 
 STEP_UNITS = 0.02
@@ -31,16 +37,17 @@ COVER_EDGE_UNITS = 0.1
 """A contact must be this far below the cover's edge, units of fusion; chosen by hand."""
 FEWEST_CONTACTS = 2
 """Views in which the axis must meet the surface; chosen by hand."""
-MEDIAN_SPREAD = 1.2533
-"""Standard deviation of a median against that of a mean, for normal errors: sqrt(pi / 2)."""
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of normal errors per median absolute deviation."""
 INDEPENDENT_VIEWS = 0.5
 """Share of the views whose contacts count as independent; chosen by hand."""
-SURFACE_PRIOR = 0.9
-"""Probability that a plume begins at the surface its axis meets; chosen by hand."""
-INDEPENDENT_SHARE = 0.3
-"""Share of the evidence along the axis that counts as independent; chosen by hand."""
+SURFACE_PRIOR = 0.7
+"""Probability that a plume begins at the surface its axis meets; as the next three, set on 25
+plumes of `benchmarks.reliability` (docs/weak_plumes.md)."""
+BELONGING_SHARE = 0.7
+"""Of a plume's own evidence for each sample of a view, from which on a height belongs to it."""
+INDEPENDENT_SHARE = 0.08
+"""Share of the evidence along the axis that counts as independent."""
+MISLED_SHARE = 0.05
+"""Probability that the evidence along the axis tells nothing about the source."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,22 +87,32 @@ class SurfaceContact:
 
 
 def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
-    """The posterior mean and sigma of the source's height, given the evidence along the axis."""
+    """The height of the source and its sigma, given the evidence along the axis."""
     step = STEP_UNITS * views.unit
     heights = np.arange(-REACH_BELOW_UNITS * views.unit, column.height + views.unit, step)
-    evidence = score_columns(views, column.cut_slabs(heights, step), along=1).sum(axis=0)
+    by_view = sum_over_outlines(views, column.cut_slabs(heights, step), along=1)
+    evidence, samples = (each.sum(axis=0) for each in by_view)
     low, high = _evidence_interval(heights, evidence)
-    contact = find_contact(views, column, heights[heights <= (low + high) / 2], step)
-    inside = (heights >= contact.height) & (heights <= (low + high) / 2)
+    middle = (low + high) / 2
+    contact = find_contact(views, column, heights[heights <= middle], step)
+    inside = (heights >= contact.height) & (heights <= middle)
     candidates = np.concatenate([[contact.height], heights[inside]])
-    above = np.cumsum(evidence[::-1])[::-1] * INDEPENDENT_SHARE
-    likelihood = np.interp(candidates, heights, above)
+    # 1. How likely the evidence is for each height: what lies above belongs to the plume.
+    upper = (heights > middle) & (heights <= high)
+    typical = max(float(evidence[upper].sum()) / max(float(samples[upper].sum()), 1e-9), 0.0)
+    belonging = evidence - BELONGING_SHARE * typical * samples
+    above = np.cumsum(belonging[::-1])[::-1] * INDEPENDENT_SHARE
+    log_likelihood = np.interp(candidates, heights, above)
+    likelihood = np.exp(log_likelihood - log_likelihood.max())
+    likelihood /= likelihood.sum()
+    # 2. How likely each is before.
     uniform = (1 - SURFACE_PRIOR) / max(len(candidates) - 1, 1)
     at_surface = SURFACE_PRIOR if contact.found else uniform
     prior = np.r_[at_surface, np.full(len(candidates) - 1, uniform)]
-    weight = prior * np.exp(likelihood - likelihood.max())
-    weight /= weight.sum()
-    mean = float(weight @ candidates)
+    # 3. The mean where the evidence tells, and the spread about it though it may mislead.
+    mean = float(_normalise(prior * likelihood) @ candidates)
+    misled = np.full(len(candidates), 1 / len(candidates))
+    weight = _normalise(prior * ((1 - MISLED_SHARE) * likelihood + MISLED_SHARE * misled))
     variance = float(weight @ (candidates - mean) ** 2)
     variance += float(weight[0]) * contact.sigma**2 + float(weight[1:].sum()) * step**2 / 12
     return PlumeBase(
@@ -105,6 +122,10 @@ def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
         evidence_high=high,
         hidden=contact.hidden,
     )
+
+
+def _normalise(weight: FloatArray) -> FloatArray:
+    return np.asarray(weight / weight.sum())
 
 
 def _evidence_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float, float]:
