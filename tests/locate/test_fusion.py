@@ -233,6 +233,19 @@ def test_base_reaches_down_to_the_ground(truth: ColumnTruth) -> None:
     assert base.sigma < 0.3
 
 
+def test_evidence_that_leaks_below_the_source_is_not_the_plume(truth: ColumnTruth) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
+    llr = views.llr.copy()
+    strong = float(np.percentile(llr[llr > 0], 80))
+    for i in range(len(views)):
+        row = round(views.trajectory.project(i, truth.source[None])[0, 1])
+        llr[i, row:] = 0.15 * strong
+    far = np.full_like(views.inverse_depth, 1 / 40)
+    base = locate_base(replace(views, llr=llr, inverse_depth=far), as_column(truth))
+    assert abs(base.height) < 0.3
+    assert abs(base.height) < 2 * base.sigma
+
+
 def screened(views: Views, column: PlumeColumn, *, up_to: float, before: float) -> Views:
     """The views with a screen `before` the axis, as high as its point at height `up_to`."""
     llr, inverse_depth = views.llr.copy(), views.inverse_depth.copy()

@@ -93,7 +93,7 @@ def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
     by_view = sum_over_outlines(views, column.cut_slabs(heights, step), along=1)
     evidence, samples = (each.sum(axis=0) for each in by_view)
     low, high = _evidence_interval(heights, evidence)
-    middle = (low + high) / 2
+    middle = _halfway(heights, evidence, low, high)
     contact = find_contact(views, column, heights[heights <= middle], step)
     inside = (heights >= contact.height) & (heights <= middle)
     candidates = np.concatenate([[contact.height], heights[inside]])
@@ -135,6 +135,13 @@ def _evidence_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float
     last = int(np.argmax(cumulative[1:] - lowest_so_far))
     first = last - int(np.argmin(cumulative[last::-1]))
     return float(heights[first]), float(heights[last])
+
+
+def _halfway(heights: FloatArray, evidence: FloatArray, low: float, high: float) -> float:
+    """The height below which half of the evidence in an interval lies."""
+    inside = (heights >= low) & (heights <= high)
+    below = np.cumsum(evidence[inside])
+    return float(heights[inside][np.argmax(below >= below[-1] / 2)])
 
 
 def find_contact(
