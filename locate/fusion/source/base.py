@@ -20,7 +20,7 @@ from geometry.arrays import FloatArray
 from geometry.grid import relative_lever
 from geometry.normal_errors import MAD_TO_SIGMA, MEDIAN_SPREAD
 from locate.fusion.search.columns import PlumeColumn
-from locate.fusion.search.score import sum_over_outlines
+from locate.fusion.search.score import score_columns, sum_over_outlines
 from locate.fusion.views import Views
 
 STEP_UNITS = 0.02
@@ -40,11 +40,13 @@ FEWEST_CONTACTS = 2
 INDEPENDENT_VIEWS = 0.5
 """Share of the views whose contacts count as independent; chosen by hand."""
 SURFACE_PRIOR = 0.7
-"""Probability that a plume begins at the surface its axis meets; as the next three, set on 25
+"""Probability that a plume begins at the surface its axis meets; as the next four, set on 25
 plumes of `benchmarks.reliability` (docs/weak_plumes.md)."""
-BELONGING_SHARE = 0.7
+CORE_SHARE = 0.5
+"""Of a column's radius, within which heights are compared: a plume is narrow where it begins."""
+BELONGING_SHARE = 0.5
 """Of a plume's own evidence for each sample of a view, from which on a height belongs to it."""
-INDEPENDENT_SHARE = 0.08
+INDEPENDENT_SHARE = 0.16
 """Share of the evidence along the axis that counts as independent."""
 MISLED_SHARE = 0.05
 """Probability that the evidence along the axis tells nothing about the source."""
@@ -90,14 +92,16 @@ def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
     """The height of the source and its sigma, given the evidence along the axis."""
     step = STEP_UNITS * views.unit
     heights = np.arange(-REACH_BELOW_UNITS * views.unit, column.height + views.unit, step)
-    by_view = sum_over_outlines(views, column.cut_slabs(heights, step), along=1)
-    evidence, samples = (each.sum(axis=0) for each in by_view)
-    low, high = _evidence_interval(heights, evidence)
-    middle = _halfway(heights, evidence, low, high)
+    slabs = column.cut_slabs(heights, step)
+    low, high, middle = _evidence_interval(
+        heights, score_columns(views, slabs, along=1).sum(axis=0)
+    )
     contact = find_contact(views, column, heights[heights <= middle], step)
     inside = (heights >= contact.height) & (heights <= middle)
     candidates = np.concatenate([[contact.height], heights[inside]])
     # 1. How likely the evidence is for each height: what lies above belongs to the plume.
+    core = column.widened(CORE_SHARE).cut_slabs(heights, step)
+    evidence, samples = (each.sum(axis=0) for each in sum_over_outlines(views, core, along=1))
     upper = (heights > middle) & (heights <= high)
     typical = max(float(evidence[upper].sum()) / max(float(samples[upper].sum()), 1e-9), 0.0)
     belonging = evidence - BELONGING_SHARE * typical * samples
@@ -128,20 +132,15 @@ def _normalise(weight: FloatArray) -> FloatArray:
     return np.asarray(weight / weight.sum())
 
 
-def _evidence_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float, float]:
-    """The run of heights with the largest summed evidence."""
+def _evidence_interval(heights: FloatArray, evidence: FloatArray) -> tuple[float, float, float]:
+    """The run of heights with the largest summed evidence, and the one that halves its sum."""
     cumulative = np.concatenate([[0.0], np.cumsum(evidence)])
     lowest_so_far = np.minimum.accumulate(cumulative[:-1])
     last = int(np.argmax(cumulative[1:] - lowest_so_far))
     first = last - int(np.argmin(cumulative[last::-1]))
-    return float(heights[first]), float(heights[last])
-
-
-def _halfway(heights: FloatArray, evidence: FloatArray, low: float, high: float) -> float:
-    """The height below which half of the evidence in an interval lies."""
-    inside = (heights >= low) & (heights <= high)
-    below = np.cumsum(evidence[inside])
-    return float(heights[inside][np.argmax(below >= below[-1] / 2)])
+    half = (cumulative[first] + cumulative[last + 1]) / 2
+    middle = first + int(np.argmax(cumulative[first + 1 : last + 2] >= half))
+    return float(heights[first]), float(heights[last]), float(heights[middle])
 
 
 def find_contact(
