@@ -135,10 +135,28 @@ def residual_sigma_px(model: pycolmap.Reconstruction) -> float:
     return float(MAD_TO_SIGMA * np.median(np.abs(stacked)) * lost)
 
 
-def _gauge_fixed_covariance(
-    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
-) -> FloatArray | None:
-    """(6N, 6N) in COLMAP's tangent, zero where the gauge holds two cameras."""
+def focal_sigma_px(model: pycolmap.Reconstruction, tied_by: TiedBy) -> float | None:
+    """Standard deviation of the focal length of an adjusted camera, px, inflated as the poses are.
+
+    None where the problem is too weak for one.
+    """
+    estimate = _estimate_covariance(
+        model, pycolmap.BACovarianceOptionsParams.ALL, refined_camera=True
+    )
+    (camera,) = model.cameras.values()
+    joint = None if estimate is None else estimate.get_other_params_cov(camera.params)
+    if joint is None or not np.isfinite(joint).all():
+        return None
+    return float(np.sqrt(joint[0, 0]) * INFLATION[tied_by] * residual_sigma_px(model))
+
+
+def _estimate_covariance(
+    model: pycolmap.Reconstruction,
+    params: pycolmap.BACovarianceOptionsParams,
+    *,
+    refined_camera: bool,
+) -> pycolmap.BACovariance | None:
+    """Covariance for unit pixel noise, where the gauge holds two cameras."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = refined_camera
@@ -150,8 +168,17 @@ def _gauge_fixed_covariance(
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
     wanted = pycolmap.BACovarianceOptions()
-    wanted.params = pycolmap.BACovarianceOptionsParams.POSES
-    estimate = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
+    wanted.params = params
+    return pycolmap.estimate_ba_covariance(wanted, model, adjuster)
+
+
+def _gauge_fixed_covariance(
+    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
+) -> FloatArray | None:
+    """(6N, 6N) in COLMAP's tangent, zero where the gauge holds two cameras."""
+    estimate = _estimate_covariance(
+        model, pycolmap.BACovarianceOptionsParams.POSES, refined_camera=refined_camera
+    )
     if estimate is None:
         return None
     blocks = {i: estimate.get_cam_cov_from_world(i) for i in image_ids}

@@ -16,7 +16,7 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError, LocateError, RegistrationError, RegistrationFailure
 from geometry.lens_calibration import LensName
 from geometry.sfm import checks, features, mapping, pairing, result, summary, tracks, zooms
-from geometry.sfm.covariance import TiedBy, pose_covariances
+from geometry.sfm.covariance import TiedBy, focal_sigma_px, pose_covariances
 from geometry.sfm.gauge import normalising_transform
 from geometry.sfm.job import MappingJob, Progress, ProgressMeter
 
@@ -304,6 +304,7 @@ def _finish_reconstruction(
         "second_opinion_frames": solution.difference.count,
         "epipolar_support": _epipolar_support(model, job),
         "focal_prior_px": job.focal_prior_px,
+        "focal_sigma_px": focal_sigma_px(model, tied_by) if job.refine else None,
         "up_from": up_source,
     }
     checks.check_quality(report, ordered=job.ordered)

@@ -11,7 +11,7 @@ from geometry.json_text import parse_json
 from geometry.named_poses import NamedPoses
 from geometry.processes import call_apart
 from geometry.removal import remove_inside
-from geometry.sfm import reconstruct
+from geometry.sfm import Reconstruction, reconstruct
 from geometry.sfm.given_poses import check_given_poses
 from geometry.trajectory import Trajectory
 from locate.journal.progress import Report
@@ -25,6 +25,9 @@ GUESSED_FOCAL = 1.2
 """Focal length of a camera at rest of which nothing is known, in longer sides of the image."""
 MOVING_SHARE = 0.02
 """An image that moves by more than this share of its width is no camera at rest."""
+UNSURE_FOCAL = 0.01
+"""Standard deviation of an estimated focal length over it, from which on the map says so: 0.001 on
+arcs, 0.02 where the camera only came nearer and the focal length was 6 % off."""
 SFM_BYTES_PER_FRAME = 1_000_000
 """Disk space that structure from motion takes for a frame, at most."""
 
@@ -68,12 +71,26 @@ def reconstruct_poses(
         report=lambda _, share: report("poses", share),
     )
     result.save(target.sfm)
-    lost = result.report["tracks_lost"]
-    if lost and key_frames.is_video:
-        _save_pose_notes(
-            target, [f"poses come from SIFT matches and not from feature tracks: {lost}"]
-        )
+    notes = _notes_of(result, is_video=key_frames.is_video)
+    if notes:
+        _save_pose_notes(target, notes)
     return f"{len(result.trajectory)} of {len(key_frames)} frames, {result.report['method']}"
+
+
+def _notes_of(result: Reconstruction, *, is_video: bool) -> list[str]:
+    """What a reconstruction leaves open."""
+    notes = []
+    lost = result.report["tracks_lost"]
+    if lost and is_video:
+        notes.append(f"poses come from SIFT matches and not from feature tracks: {lost}")
+    sigma_px, focal_px = result.report["focal_sigma_px"], result.trajectory.camera.focal_px
+    if sigma_px is not None and sigma_px > UNSURE_FOCAL * focal_px:
+        notes.append(
+            f"The focal length came out at {focal_px:.0f} px, but these frames show it only "
+            f"to {sigma_px / focal_px:.1%} (standard deviation). Sources may be farther off than "
+            "their covariance says: give --focal or --camera, or film on an arc around the scene."
+        )
+    return notes
 
 
 def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, target: RunFiles) -> str:

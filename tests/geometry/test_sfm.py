@@ -136,12 +136,27 @@ def test_room_with_free_focal(
     errors = np.linalg.norm(align_points(centers, eyes)(centers) - eyes, axis=1)
     assert len(found.trajectory) == 10
     assert found.report["focal_px"] == pytest.approx(FOCAL, rel=0.02)
+    assert found.report["focal_sigma_px"] < 0.005 * FOCAL
     assert np.median(errors) < 0.02
     assert np.median(rotation_errors_deg(found, room_poses, np.arange(10))) < 0.1
     assert list(stages) == list(STAGES)
     assert stages["matching features"] == pytest.approx(0.45)
     assert 0.6 < stages["mapping"] < 0.9
     assert stages["adjusting"] == 1
+
+
+def test_a_camera_that_only_comes_nearer_hardly_shows_its_focal_length(tmp_path: Path) -> None:
+    eyes = [np.array([0.03 * np.sin(k), -6 + 0.25 * k, 2.0]) for k in range(10)]
+    images = [render(ROOM, *look_at(eye, np.array([0.0, 3.0, 1.7]))) for eye in eyes]
+    found = run(tmp_path, images)
+    sigma_px = found.report["focal_sigma_px"]
+    assert sigma_px > 0.01 * FOCAL
+    assert abs(found.report["focal_px"] - FOCAL) < 4 * sigma_px
+
+
+def test_a_given_focal_length_has_no_sigma(tmp_path: Path, room_images: list[np.ndarray]) -> None:
+    found = run(tmp_path, room_images, camera=true_camera())
+    assert found.report["focal_sigma_px"] is None
 
 
 FISHEYE = Camera(

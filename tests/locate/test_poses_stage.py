@@ -11,6 +11,7 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.files import RunFiles
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrame, KeyFrames
+from tests.simulated_evidence import orbit_trajectory
 
 LOST = "key frames 7 and 8 share 41 features (needs 100)"
 
@@ -21,11 +22,13 @@ def notes_of(
     *,
     lost: str | None,
     is_video: bool,
+    focal_sigma_px: float | None = 0.5,
 ) -> tuple[str, ...]:
-    """The notes where structure from motion reports that tracks were lost."""
+    """The notes where structure from motion reports this."""
+    trajectory = orbit_trajectory(9, 40)
     found = SimpleNamespace(
-        trajectory=range(9),
-        report={"method": "global", "tracks_lost": lost},
+        trajectory=trajectory,
+        report={"method": "global", "tracks_lost": lost, "focal_sigma_px": focal_sigma_px},
         save=lambda sfm: sfm.mkdir(parents=True),
     )
     monkeypatch.setattr(poses, "call_apart", lambda *_args, **_kwargs: found)
@@ -45,6 +48,19 @@ def test_a_video_whose_tracks_break_has_a_note(
 ) -> None:
     (note,) = notes_of(tmp_path, monkeypatch, lost=LOST, is_video=True)
     assert note == f"poses come from SIFT matches and not from feature tracks: {LOST}"
+
+
+def test_a_focal_length_that_the_path_hardly_shows_has_a_note(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (note,) = notes_of(tmp_path, monkeypatch, lost=None, is_video=True, focal_sigma_px=8.4)
+    assert "280 px" in note
+    assert "3.0%" in note
+    assert "--focal" in note
+
+
+def test_a_given_focal_length_has_no_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert notes_of(tmp_path, monkeypatch, lost=None, is_video=True, focal_sigma_px=None) == ()
 
 
 @pytest.mark.parametrize(("lost", "is_video"), [(None, True), (LOST, False)])
