@@ -4,6 +4,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from geometry.camera import Camera
 from geometry.disk_space import check_space
 from geometry.errors import BadInputError
@@ -13,6 +15,7 @@ from geometry.processes import call_apart
 from geometry.removal import remove_inside
 from geometry.sfm import Reconstruction, reconstruct
 from geometry.sfm.given_poses import check_given_poses
+from geometry.stray_poses import stray_rows
 from geometry.trajectory import Trajectory
 from locate.journal.progress import Report
 from locate.pipeline.files import RunFiles
@@ -114,6 +117,10 @@ def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, targe
         key_frames.times_s,
         size=(key_frames.width, key_frames.height),
     )
+    rows = np.arange(len(trajectory))
+    stray = np.isin(rows, stray_rows(trajectory)) & key_frames.is_video
+    left_out = [str(index) for index in trajectory.indices[stray]]
+    trajectory = trajectory.take(rows[~stray])
     images = FrameImages([files.frames / name for name in names_of(trajectory, key_frames)])
     try:
         notes = check_given_poses(trajectory, images)
@@ -121,6 +128,8 @@ def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, targe
         raise BadInputError(f"{given.path}: {error}") from error
     target.sfm.mkdir(exist_ok=True)
     trajectory.save(target.sfm_trajectory)
+    if left_out:
+        notes += (f"Left out: frames {', '.join(left_out)}, whose given poses jump off the path.",)
     if notes:
         _save_pose_notes(target, notes)
     return f"{len(trajectory)} of {len(key_frames)} frames, given"

@@ -1,10 +1,13 @@
 """What the stage that registers says of the poses beside them."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from geometry.trajectory import Trajectory
 from locate.journal.progress import silent
 from locate.pipeline import poses
 from locate.pipeline.config import RunConfig
@@ -68,3 +71,30 @@ def test_no_note_with_tracks_and_none_of_photos(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str | None, is_video: bool
 ) -> None:
     assert notes_of(tmp_path, monkeypatch, lost=lost, is_video=is_video) == ()
+
+
+@pytest.mark.parametrize("is_video", [True, False])
+def test_poses_of_a_video_that_jump_off_the_path_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_video: bool
+) -> None:
+    path = orbit_trajectory(20, 60)
+    rows = np.arange(20)
+    rows[[4, 13]] = rows[[13, 4]]
+    swapped = replace(path, rotations=path.rotations[rows], translations=path.translations[rows])
+    given = SimpleNamespace(path="poses.txt", match_to_frames=lambda *_, **__: (swapped, ""))
+    monkeypatch.setattr(poses, "check_given_poses", lambda *_: ())
+    frames = tuple(
+        KeyFrame(index=i, time_s=0.2 * i, source="a.mp4", sharpness=50.0, motion_px=9.0)
+        for i in range(20)
+    )
+    key_frames = KeyFrames(frames=frames, width=320, height=240, is_video=is_video, static=False)
+    files = RunFiles(tmp_path)
+    poses.adopt_poses(given, key_frames, files, files)
+    adopted = Trajectory.load(files.sfm_trajectory).indices.tolist()
+    if is_video:
+        assert adopted == [i for i in range(20) if i not in (4, 13)]
+        (note,) = poses.load_pose_notes(files)
+        assert "frames 4, 13" in note
+    else:
+        assert adopted == list(range(20))
+        assert poses.load_pose_notes(files) == ()
