@@ -10,7 +10,7 @@ from locate.fusion.axis.estimate import average_axes, mark_consistent
 from locate.fusion.axis.graph import estimate_axis
 from locate.fusion.axis.pairs import split_column
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
-from locate.fusion.axis.sway import estimate_sway
+from locate.fusion.axis.sway import Sway, estimate_sway
 from locate.fusion.find import cap_probability
 from locate.fusion.fuse import fuse
 from locate.fusion.search.columns import Columns, PlumeColumn
@@ -220,6 +220,20 @@ def test_errors_that_neighbouring_views_share_are_seen_and_widen_the_covariance(
     assert shared is not None
     assert own.sway.shared_part < 0.3 < 0.6 < shared.sway.shared_part
     assert np.trace(shared.covariance) > 1.5 * np.trace(own.covariance)
+
+
+def test_a_sway_that_all_sightings_share_leaves_an_axis(
+    seen: tuple[PlumeColumn, AxisSightings, Views],
+) -> None:
+    column, sightings, views = seen
+    shared = Sway(
+        covariance_px2=np.full((len(sightings), len(sightings)), 2500.0),
+        sigma_px=np.full(len(sightings), 100.0),
+        inflation=1.0, shared_part=0.0, rate=0.1, persistence_s=1.0, hypotheses=(),
+    )  # fmt: skip
+    axis = estimate_axis(views.trajectory, column, sightings, views.unit, sway=shared)
+    assert axis is not None
+    assert np.isfinite(axis.covariance).all()
 
 
 def test_base_reaches_down_to_the_ground(truth: ColumnTruth) -> None:

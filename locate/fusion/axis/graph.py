@@ -33,8 +33,9 @@ FEWEST_VIEWS = 3
 FEWEST_HEIGHTS = 2
 FEWEST_SIGHTINGS = 8
 """What an estimate needs at least; chosen by hand (two views and two heights give a line)."""
-LEAST_SWAY_PX = 1e-3
-"""Standard deviation added to the sway's, px, so that its covariance has an inverse."""
+LEAST_SWAY_PX, LEAST_SWAY_SHARE = 1e-3, 1e-3
+"""Standard deviation added to the sway's, px and of its largest, so that its covariance has an
+inverse which gtsam's Cholesky factors can hold."""
 
 
 def estimate_axis(
@@ -79,7 +80,9 @@ def estimate_axis(
         sway = estimate_sway(sightings, origin, unit, poses_px2, prior, hypotheses)
     graph = gtsam.GaussianFactorGraph()
     _add_prior(graph, A(0), upright, np.diag(sigmas**2))
-    least = LEAST_SWAY_PX**2 * np.eye(len(sightings))
+    largest_px = np.sqrt(sway.covariance_px2.diagonal().max())
+    least_px = max(LEAST_SWAY_PX, LEAST_SWAY_SHARE * float(largest_px))
+    least = least_px**2 * np.eye(len(sightings))
     _add_prior(graph, S(0), np.zeros(len(sightings)), sway.covariance_px2 + least)
     for i, covariance in poses.items():
         _add_prior(graph, X(i), np.zeros(6), covariance)

@@ -41,7 +41,7 @@ INDEPENDENT_VIEWS = 0.5
 """Share of the views whose contacts count as independent; chosen by hand."""
 SURFACE_PRIOR = 0.7
 """Probability that a plume begins at the surface its axis meets; as the next four, set on 25
-plumes of `benchmarks.reliability` (docs/weak_plumes.md)."""
+plumes of `benchmarks.reliability` (docs/archive/tried.md)."""
 CORE_SHARE = 0.5
 """Of a column's radius, within which heights are compared: a plume is narrow where it begins."""
 BELONGING_SHARE = 0.5
