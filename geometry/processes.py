@@ -19,6 +19,7 @@ from multiprocessing.connection import Connection
 from typing import IO, Any, TypeVar
 
 from geometry.errors import LocateError
+from geometry.memory import keep_freed_memory
 from geometry.threads import with_one_blas_thread
 
 PROGRAM = f"from {__name__} import answer_call; answer_call()"
@@ -135,6 +136,7 @@ def _describe_end(code: int, printed: IO[bytes]) -> str:
 @with_one_blas_thread
 def answer_call() -> None:
     """Runs such a process: makes the one call it is sent, and sends what came of it."""
+    keep_freed_memory()
     with Connection(int(sys.argv[1])) as pipe:
         parent, function, arguments, keywords = pipe.recv()
         _end_with(parent)

@@ -8,6 +8,7 @@ from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any
 
 from geometry.errors import INTERRUPTED, InterruptedRunError, LocateError, describe_error
+from geometry.memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from locate.commands.app import app
@@ -18,6 +19,7 @@ __all__ = ["app", "main"]
 def main() -> None:
     """Runs the command; every expected failure becomes one line and an exit code."""
     _leave_at_once_when_interrupted()
+    keep_freed_memory()
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # what it refuses is said in one line
     from locate.commands.app import app
 
