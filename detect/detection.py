@@ -79,7 +79,7 @@ class Detection:
         )
 
     def save(self, path: str | Path) -> None:
-        """Writes an .npz, whole or not at all: float16, the information float32.
+        """Writes an .npz, whole or not at all: float16, the information float32, uncompressed.
 
         What float16 cannot hold becomes infinite.
         """
@@ -92,7 +92,7 @@ class Detection:
         if self.information is not None:
             terms["information_vector"] = self.information.vector
             terms["information_matrix"] = self.information.matrix
-        save_arrays(Path(path), **halves, **terms)
+        save_arrays(Path(path), np.savez, **halves, **terms)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

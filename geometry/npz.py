@@ -3,7 +3,7 @@
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from lzma import LZMAError
 from pathlib import Path
@@ -30,15 +30,22 @@ DEFLATE_RATIO = 1032
 """No compressed byte stands for more."""
 
 
-def save_arrays(path: Path, **arrays: ArrayLike) -> None:
-    """Writes a compressed .npz under a temporary name, then renames it.
+def save_arrays(
+    path: Path, write: Callable[..., None] = np.savez_compressed, /, **arrays: ArrayLike
+) -> None:
+    """Writes a .npz under a temporary name, then renames it.
+
+    Args:
+        path: The file.
+        write: numpy's way: noise gets little smaller by compression, and takes long.
+        arrays: By name.
 
     Raises:
         BadInputError: The file cannot be written.
     """
     try:
         with atomic_path(path) as unfinished, unfinished.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
+            write(file, allow_pickle=False, **arrays)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error
 
