@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from detect.information import DisplacementInformation
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.grid import lever_gate
 from geometry.normal_errors import MAD_TO_SIGMA
@@ -62,8 +62,7 @@ class TurnFilters:
 
     def __init__(self, views: Views) -> None:
         self.views = views
-        self._filtered: dict[tuple[int, int, int], NDArray[np.float16]] = {}
-        self._summed: dict[tuple[int, int], tuple[FloatMap, FloatMap]] = {}
+        self._filtered = [FilteredView(information) for information in views.information]
         self._across = _common_direction(views)
 
     def sample(self, points: FloatArray, widths: FloatArray, rises: FloatArray) -> TurnSamples:
@@ -77,15 +76,17 @@ class TurnFilters:
         shape = (len(self.views), len(points))
         sigmas, per_px = np.zeros((2, SIDES, *shape), np.float32)
         weight = np.zeros(shape, np.float32)
-        for i in range(len(self.views)):
-            seen, pixel, depth, normal = self._project(i, points, rises)
+        for i, filtered in enumerate(self._filtered):
+            seen, in_cam, pixel = self._project(i, points)
+            depth = in_cam[:, 2]
             size_px = self.views.trajectory.camera.focal_px * widths[seen] / depth
             step = np.rint(2 * np.log2(size_px / NARROWEST_PX)).astype(np.int64)
             shown = (step >= 0) & (step < WIDTHS)
             if not shown.any():
                 continue
-            seen, pixel, depth = seen[shown], pixel[shown], depth[shown]
-            found = self._look_up(i, step[shown], normal[shown], pixel)
+            seen, in_cam, pixel, depth = seen[shown], in_cam[shown], pixel[shown], depth[shown]
+            normal = self._normal(i, in_cam, rises[seen])
+            found = filtered.look_up(step[shown], normal, pixel)
             gate = lever_gate(
                 depth.astype(np.float32), self.views.inverse_depth[i][pixel[:, 1], pixel[:, 0]]
             )
@@ -93,13 +94,8 @@ class TurnFilters:
             weight[i, seen] = gate * (found[1] > 0).any(axis=0)
         return TurnSamples(sigmas=sigmas, weight=weight, sigmas_per_px=per_px)
 
-    def _project(
-        self, i: int, points: FloatArray, rises: FloatArray
-    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-        """Which of the points a view shows, their pixels and depths, and the angle across the axis.
-
-        That angle is from x to y, towards the same side of the axis from all views.
-        """
+    def _project(self, i: int, points: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
+        """Which of the points a view shows, where they are before its camera, and their pixels."""
         trajectory = self.views.trajectory
         in_cam = trajectory.world_to_cam(i, points)
         near = NEAREST_DEPTH_UNITS * self.views.unit
@@ -108,61 +104,87 @@ class TurnFilters:
         pixel = np.rint(trajectory.camera.project(in_cam))
         height, width = self.views.llr.shape[1:]
         inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
-        seen, in_cam, pixel = ahead[inside], in_cam[inside], pixel[inside].astype(np.int64)
-        along = rises[seen] @ trajectory.rotations[i].T
-        along = along[:, :2] - in_cam[:, :2] / in_cam[:, 2:] * along[:, 2:]
-        normal = np.arctan2(along[:, 0], -along[:, 1])
-        if trajectory.rotations[i][0] @ self._across < 0:
-            normal += np.pi
-        return seen, pixel, in_cam[:, 2], normal
+        return ahead[inside], in_cam[inside], pixel[inside].astype(np.int64)
 
-    def _look_up(self, i: int, steps: IntArray, normals: FloatArray, pixels: IntArray) -> FloatMap:
-        """(2, 2, M) sigmas, and sigmas per px, of either side at M pixels of a view."""
+    def _normal(self, i: int, in_cam: FloatArray, rises: FloatArray) -> FloatArray:
+        """(M,) angle across the axis in a view, from x to y; towards the same side in all views."""
+        rotation = self.views.trajectory.rotations[i]
+        along = rises @ rotation.T
+        along = along[:, :2] - in_cam[:, :2] / in_cam[:, 2:] * along[:, 2:]
+        normal: FloatArray = np.arctan2(along[:, 0], -along[:, 1])
+        if rotation[0] @ self._across < 0:
+            normal += np.pi
+        return normal
+
+
+class FilteredView:
+    """One view filtered with turns of all widths and directions, each when it is needed.
+
+    The filtered maps follow each other in one table, so that places of all of them are looked up
+    at once.
+
+    Args:
+        information: Of the view.
+    """
+
+    def __init__(self, information: DisplacementInformation) -> None:
+        height, width = information.vector.shape[:2]
+        halvings = np.arange(WIDTHS) // 2
+        self._widths = np.maximum(width >> halvings, 1)
+        self._heights = np.maximum(height >> halvings, 1)
+        cells = np.repeat(self._widths * self._heights, DIRECTIONS)
+        self._ends = np.cumsum(cells)
+        self._starts = self._ends - cells
+        self._table = np.empty((self._ends[-1], 2, SIDES), np.float16)
+        self._filled = np.zeros(len(cells), np.bool_)
+        self._information = information
+        self._summed: dict[int, tuple[FloatMap, ...]] = {}
+
+    def look_up(self, steps: IntArray, normals: FloatArray, pixels: IntArray) -> FloatMap:
+        """(2, 2, M) sigmas, and sigmas per px, of either side at M pixels; 0 if unknown.
+
+        Args:
+            steps: (M,) which of the widths.
+            normals: (M,) angle across the axis, from x to y.
+            pixels: (M, 2) x and y.
+        """
         turns = np.rint(normals / (np.pi / DIRECTIONS)).astype(np.int64) % (2 * DIRECTIONS)
         codes = steps * DIRECTIONS + turns % DIRECTIONS
-        found = np.empty((2, SIDES, len(codes)), np.float32)
-        for code in np.unique(codes):
-            rows = np.flatnonzero(codes == code)
-            maps = self._filter(i, *divmod(int(code), DIRECTIONS))
-            halvings = int(code) // DIRECTIONS // 2
-            x, y = (
-                np.minimum(pixels[rows, axis] >> halvings, maps.shape[3 - axis] - 1)
-                for axis in (0, 1)
-            )
-            found[:, :, rows] = maps[:, :, y, x]
+        for code in np.unique(codes[~self._filled[codes]]).tolist():
+            self._fill(code)
+        x, y = pixels.T >> steps // 2
+        x = np.minimum(x, self._widths[steps] - 1)
+        y = np.minimum(y, self._heights[steps] - 1)
+        found = self._table.take(self._starts[codes] + y * self._widths[steps] + x, axis=0)
         turned = turns >= DIRECTIONS
-        found[:, :, turned] = found[:, ::-1, turned]
-        return found
+        found[turned] = found[turned, :, ::-1]
+        return np.asarray(np.moveaxis(found, 0, -1), np.float32)
 
-    def _filter(self, i: int, step: int, direction: int) -> NDArray[np.float16]:
-        """(2, 2, h, w) sigmas, and sigmas per px, of either side in one view; 0 if unknown."""
-        key = (i, step, direction)
-        if key not in self._filtered:
-            self._filtered[key] = self._filter_anew(*key)
-        return self._filtered[key]
-
-    def _filter_anew(self, i: int, step: int, direction: int) -> NDArray[np.float16]:
+    def _fill(self, code: int) -> None:
+        """Filters the view for one width and direction."""
+        step, direction = divmod(code, DIRECTIONS)
         size_px = NARROWEST_PX * 2 ** (step / 2)
         halvings = step // 2
-        vector, matrix = self._summed_maps(i, halvings)
+        x, y, xx, xy, yy = self._sum_cells(halvings)
         turn, side, (cx, cy) = turn_kernel(size_px / 2**halvings, np.pi * direction / DIRECTIONS)
-        across = cx * vector[..., 0] + cy * vector[..., 1]
-        precision = cx * cx * matrix[..., 0] + 2 * cx * cy * matrix[..., 1]
-        precision += cy * cy * matrix[..., 2]
-        sides = [_filter_side(across, precision, turn * part) for part in (side > 0, side < 0)]
-        return np.stack(sides, axis=1).astype(np.float16)
+        across = cx * x + cy * y
+        precision = cx * cx * xx + 2 * cx * cy * xy
+        precision += cy * cy * yy
+        part = self._table[self._starts[code] : self._ends[code]]
+        for k, one_side in enumerate((side > 0, side < 0)):
+            for row, filtered in enumerate(_filter_side(across, precision, turn * one_side)):
+                part[:, row, k] = filtered.ravel()
+        self._filled[code] = True
 
-    def _summed_maps(self, i: int, halvings: int) -> tuple[FloatMap, FloatMap]:
-        """The information of a view in cells of 2^halvings px."""
-        key = (i, halvings)
-        if key not in self._summed:
-            information = self.views.information[i]
-            height, width = self.views.llr.shape[1:]
+    def _sum_cells(self, halvings: int) -> tuple[FloatMap, ...]:
+        """(h, w) x and y of the vector, xx, xy and yy of the matrix, in cells of 2^halvings px."""
+        if halvings not in self._summed:
+            cells = self._information
             if halvings:
-                cells = (max(1, width >> halvings), max(1, height >> halvings))
-                information = information.summed_to(*cells)
-            self._summed[key] = (information.vector, information.matrix)
-        return self._summed[key]
+                size = (int(self._widths[2 * halvings]), int(self._heights[2 * halvings]))
+                cells = cells.summed_to(*size)
+            self._summed[halvings] = (*cv2.split(cells.vector), *cv2.split(cells.matrix))
+        return self._summed[halvings]
 
 
 def turn_kernel(width_px: float, angle_rad: float) -> tuple[FloatMap, FloatMap, FloatArray]:
@@ -184,8 +206,10 @@ def turn_kernel(width_px: float, angle_rad: float) -> tuple[FloatMap, FloatMap, 
     return (off * np.exp(-(off**2 + along**2) / 2)).astype(np.float32), off, direction
 
 
-def _filter_side(across: FloatMap, precision: FloatMap, kernel: FloatMap) -> FloatMap:
-    """(2, h, w) sigmas of one side in units of their scatter over the view, and sigmas per px."""
+def _filter_side(
+    across: FloatMap, precision: FloatMap, kernel: FloatMap
+) -> tuple[FloatMap, FloatMap]:
+    """(h, w) sigmas of one side in units of their scatter over the view, and sigmas per px."""
     score = cv2.filter2D(across, -1, kernel, borderType=cv2.BORDER_CONSTANT)
     variance = cv2.filter2D(precision, -1, kernel * kernel, borderType=cv2.BORDER_CONSTANT)
     known = variance > LEAST_KNOWN * max(float(np.percentile(variance, 90)), 1e-9)
@@ -193,7 +217,7 @@ def _filter_side(across: FloatMap, precision: FloatMap, kernel: FloatMap) -> Flo
     sigmas = np.where(known, score / root, 0)
     scatter = scatter_of(sigmas[known])
     clipped = (sigmas / scatter).clip(-MOST_SIGMAS, MOST_SIGMAS)
-    return np.stack([clipped, np.where(known, root / scatter, 0)])
+    return clipped, np.where(known, root / scatter, 0)
 
 
 def scatter_of(values: FloatArray | FloatMap, fewest: int = 30) -> float:

@@ -87,8 +87,10 @@ def join_sides(sides: FloatArray) -> FloatArray:
 
     Either side counts for no more than the other: 0 where they turn in different ways.
     """
-    weaker = np.abs(sides).min(axis=0)
-    return np.asarray(np.sqrt(2) * np.sign(sides[0]) * weaker * (sides[0] * sides[1] > 0))
+    first, second = sides
+    outward = np.maximum(np.minimum(first, second), 0)
+    inward = np.minimum(np.maximum(first, second), 0)
+    return np.asarray(np.sqrt(2) * (outward + inward))
 
 
 @dataclass(frozen=True, kw_only=True)
