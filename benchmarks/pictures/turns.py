@@ -1,10 +1,11 @@
-"""How surely the displacement turns about each place, seen from above, one panel a run.
+"""How surely the displacement turns about each place, seen from above, one panel a recording.
 
-    python -m benchmarks.pictures turns CLEAN/run LEAK/run --titles "no leak" leak \
+    python -m benchmarks.pictures turns LEAK/run work/stated/340002.npz --titles "a leak" coded \
         -o docs/images/turns.png
 
-Each pixel is the strongest column whose axis passes there at the lowest height. All panels have one
-scale. A circle marks the true source, where the folder above the run holds the truth of a scene.
+A recording is the folder of a run, or a file of `benchmarks.reliability film`. Each pixel is the
+strongest column whose axis passes there at the lowest height. All panels have one scale. A circle
+marks a true source, where it is known.
 """
 
 import argparse
@@ -13,7 +14,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.common.filmed import Recorded
 from benchmarks.common.plots import blank, text
+from benchmarks.reliability.answers import views_of_recording
+from benchmarks.reliability.recordings import capture_of, leak_of
+from detect.kinds import REGISTERED
+from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
@@ -25,6 +31,7 @@ from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.matched.scan import StrongestByPlace, TurnVolume
 from locate.fusion.matched.score import WIDTHS_UNITS
 from locate.fusion.search.columns import Columns
+from locate.fusion.views import Views
 from locate.pipeline.files import RunFiles
 from locate.survey.coverage import views_of
 
@@ -34,13 +41,23 @@ PANELS_A_ROW = 3
 WHITE = (255, 255, 255)
 
 
-def measure(run: Path) -> tuple[FloatMap, FloatArray, float]:
+def load(recording: Path, photos: Path) -> tuple[Views, FloatArray]:
+    """The views, and the (P, 3) true sources in their world."""
+    if recording.suffix != ".npz":
+        return views_of(recording), true_sources(recording)
+    seed = int(recording.stem)
+    sequence = Recorded.load(recording, capture_of(seed, photos))
+    detector = RegisteredDetector(weights=REGISTERED.find_weights())
+    sources = [leak_of(seed).source] if sequence.scene.plumes else []
+    return views_of_recording(sequence, detector), np.reshape(sources, (-1, 3))
+
+
+def measure(views: Views) -> tuple[FloatMap, FloatArray, float]:
     """(Y, X) sigmas from above, the (2,) place of the first of them, and their spacing."""
-    views = views_of(run)
     grid = fuse(views).grid
     search = None if grid is None else TurnSearch.of_views(views, grid, np.random.default_rng(0))
     if search is None:
-        raise BadInputError(f"{run}: no view tells anything about the displacement")
+        raise BadInputError("no view tells anything about the displacement")
     score, panels = search.score, []
     volumes = [
         TurnVolume.measure(score.filters, search.grid, width * views.unit) for width in WIDTHS_UNITS
@@ -66,15 +83,16 @@ def true_sources(run: Path) -> FloatArray:
     return np.asarray(transform.inverse()(truth.sources))
 
 
-def panel(run: Path, title: str) -> np.ndarray:
-    """(H, W, 3) one run."""
-    sigmas, corner, spacing = measure(run)
+def panel(recording: Path, photos: Path, title: str) -> np.ndarray:
+    """(H, W, 3) one recording."""
+    views, sources = load(recording, photos)
+    sigmas, corner, spacing = measure(views)
     strength = np.clip(sigmas / FULL_SCALE_SIGMAS, 0, 1)
     scale = PANEL_PX / max(strength.shape)
     picture = heat_colours(strength)[::-1]
     size = tuple(round(side * scale) for side in strength.shape[::-1])
     picture = np.ascontiguousarray(cv2.resize(picture, size, interpolation=cv2.INTER_NEAREST))
-    for source in true_sources(run):
+    for source in sources:
         x, y = (source[:2] - corner) / spacing * scale
         middle = (round(float(x)), round(float(size[1] - 1 - y)))
         cv2.circle(picture, middle, 10, WHITE, 1, cv2.LINE_AA)
@@ -85,13 +103,17 @@ def panel(run: Path, title: str) -> np.ndarray:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("runs", type=Path, nargs="+", help="Folders of runs.")
+    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("--photos", type=Path, default=Path("../shared/data/3_backgrounds"))
     parser.add_argument("--titles", nargs="+", required=True, help="One for each.")
     parser.add_argument("-o", "--output", type=Path, default=Path("work/turns.png"))
 
 
 def main(options: argparse.Namespace) -> None:
-    panels = [panel(*each) for each in zip(options.runs, options.titles, strict=True)]
+    panels = [
+        panel(recording, options.photos, title)
+        for recording, title in zip(options.recordings, options.titles, strict=True)
+    ]
     while len(panels) % PANELS_A_ROW:
         panels.append(np.full_like(panels[0], 255))
     rows = [np.hstack(panels[k : k + PANELS_A_ROW]) for k in range(0, len(panels), PANELS_A_ROW)]

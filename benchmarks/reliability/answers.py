@@ -26,11 +26,7 @@ def evaluate_recording(
     seed: int, sequence: Recorded, detector: RegisteredDetector
 ) -> RecordingOutcome:
     """What a run would state of a recording."""
-    units = sequence.inverse_depth_units.tolist()
-    detections = [
-        detector.to_detection(*each) for each in zip(sequence.measurements, units, strict=True)
-    ]
-    views = Views.from_detections(detections, sequence.trajectory)
+    views = views_of_recording(sequence, detector)
     found = find_plumes(views, DetectorChoice.parse(detector.name), response=detector.response)
     true = TruePlume.of(leak_of(seed), sequence.trajectory)
     positive, _ = labels(sequence, list(range(len(views))))
@@ -44,6 +40,15 @@ def evaluate_recording(
         candidates=tuple(candidates(found, true)),
         plumes=tuple(true.stated(plume) for plume in found.plumes),
     )
+
+
+def views_of_recording(sequence: Recorded, detector: RegisteredDetector) -> Views:
+    """What the key frames of a recording show."""
+    units = sequence.inverse_depth_units.tolist()
+    detections = [
+        detector.to_detection(*each) for each in zip(sequence.measurements, units, strict=True)
+    ]
+    return Views.from_detections(detections, sequence.trajectory)
 
 
 def candidates(found: FoundPlumes, true: "TruePlume") -> Iterator[Candidate]:
