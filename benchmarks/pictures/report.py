@@ -1,7 +1,7 @@
 """The report of a run as Chromium shows it.
 
 ``python -m benchmarks.pictures report OUT -o docs/images/report_none.jpg``; ``--screen`` shows it
-in dark mode, on a phone, or as it is printed.
+in dark mode, on a phone, on a long page, or as it is printed.
 """
 
 import argparse
@@ -21,6 +21,7 @@ SCREENS: dict[str, dict[str, Any]] = {
     "desktop": {"viewport": {"width": 1100, "height": 800}},
     "dark": {"viewport": {"width": 1100, "height": 800}, "color_scheme": "dark"},
     "phone": {"viewport": {"width": 390, "height": 844}, "is_mobile": True},
+    "page": {"viewport": {"width": 1100, "height": 1850}},
     "paper": {"viewport": {"width": 780, "height": 1100}},
 }
 LONGEST_MS = 300_000
