@@ -22,7 +22,7 @@ SHOWN_TO_USERS = (
     *ROOT.glob("*.md"),
     *(ROOT / "docs").rglob("*.md"),
     *ROOT.glob(".github/ISSUE_TEMPLATE/*.yml"),
-    *(ROOT / name for name in ("mkdocs.yml", "CITATION.cff", "ros/locate_ros/package.xml")),
+    *(ROOT / name for name in ("mkdocs.yml", "CITATION.cff")),
 )
 
 
