@@ -22,11 +22,11 @@ from detect.kinds import REGISTERED
 from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
+from geometry.grid import sum_evidence
 from geometry.trajectory import Trajectory
 from locate.evaluation.alignment import align_trajectories
 from locate.evaluation.truth import SceneTruth
 from locate.export.pictures import heat_colours
-from locate.fusion.fuse import fuse
 from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.matched.scan import StrongestByPlace, TurnVolume
 from locate.fusion.matched.score import WIDTHS_UNITS
@@ -45,6 +45,8 @@ def load(recording: Path, photos: Path) -> tuple[Views, FloatArray]:
     """The views, and the (P, 3) true sources in their world."""
     if recording.suffix != ".npz":
         return views_of(recording), true_sources(recording)
+    if not recording.stem.isdecimal():
+        raise BadInputError(f"{recording}: no recording of benchmarks.reliability film")
     seed = int(recording.stem)
     sequence = Recorded.load(recording, capture_of(seed, photos))
     detector = RegisteredDetector(weights=REGISTERED.find_weights())
@@ -54,8 +56,10 @@ def load(recording: Path, photos: Path) -> tuple[Views, FloatArray]:
 
 def measure(views: Views) -> tuple[FloatMap, FloatArray, float]:
     """(Y, X) sigmas from above, the (2,) place of the first of them, and their spacing."""
-    grid = fuse(views).grid
-    search = None if grid is None else TurnSearch.of_views(views, grid, np.random.default_rng(0))
+    if np.isnan(views.unit):
+        raise BadInputError("no view shows how far away its background is")
+    grid = sum_evidence(views.volume(), views.trajectory, views.llr, views.inverse_depth)
+    search = TurnSearch.of_views(views, grid, np.random.default_rng(0))
     if search is None:
         raise BadInputError("no view tells anything about the displacement")
     score, panels = search.score, []
@@ -110,6 +114,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
+    if len(options.titles) != len(options.recordings):
+        raise BadInputError(
+            f"{len(options.recordings)} recordings but {len(options.titles)} titles: give one each"
+        )
     panels = [
         panel(recording, options.photos, title)
         for recording, title in zip(options.recordings, options.titles, strict=True)

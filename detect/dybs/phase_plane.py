@@ -6,10 +6,11 @@ from typing import Self
 import numpy as np
 
 from geometry.arrays import FloatArray
+from geometry.normal_errors import MAD_TO_SIGMA
 
 ROUNDS = 6
 OUTLIER = 1.0
-NORMAL_FROM_MEDIAN = (1.4826, 0.8493)
+NORMAL_FROM_MEDIAN = (MAD_TO_SIGMA, 0.8493)
 """Of |error| of one normal component, and of the length of two."""
 FLOOR_PX = 1e-3
 RIDGE = 1e-9

@@ -117,10 +117,9 @@ def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, targe
         key_frames.times_s,
         size=(key_frames.width, key_frames.height),
     )
-    rows = np.arange(len(trajectory))
-    stray = np.isin(rows, stray_rows(trajectory)) & key_frames.is_video
+    stray = stray_rows(trajectory) if key_frames.is_video else np.zeros(0, dtype=np.int64)
     left_out = [str(index) for index in trajectory.indices[stray]]
-    trajectory = trajectory.take(rows[~stray])
+    trajectory = trajectory.take(np.delete(np.arange(len(trajectory)), stray))
     images = FrameImages([files.frames / name for name in names_of(trajectory, key_frames)])
     try:
         notes = check_given_poses(trajectory, images)

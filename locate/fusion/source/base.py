@@ -107,16 +107,15 @@ def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
     belonging = evidence - BELONGING_SHARE * typical * samples
     above = np.cumsum(belonging[::-1])[::-1] * INDEPENDENT_SHARE
     log_likelihood = np.interp(candidates, heights, above)
-    likelihood = np.exp(log_likelihood - log_likelihood.max())
-    likelihood /= likelihood.sum()
+    likelihood = _normalise(np.exp(log_likelihood - log_likelihood.max()))
     # 2. How likely each is before.
     uniform = (1 - SURFACE_PRIOR) / max(len(candidates) - 1, 1)
     at_surface = SURFACE_PRIOR if contact.found else uniform
     prior = np.r_[at_surface, np.full(len(candidates) - 1, uniform)]
     # 3. The mean where the evidence tells, and the spread about it though it may mislead.
     mean = float(_normalise(prior * likelihood) @ candidates)
-    misled = np.full(len(candidates), 1 / len(candidates))
-    weight = _normalise(prior * ((1 - MISLED_SHARE) * likelihood + MISLED_SHARE * misled))
+    misled = MISLED_SHARE / len(candidates)
+    weight = _normalise(prior * ((1 - MISLED_SHARE) * likelihood + misled))
     variance = float(weight @ (candidates - mean) ** 2)
     variance += float(weight[0]) * contact.sigma**2 + float(weight[1:].sum()) * step**2 / 12
     return PlumeBase(
