@@ -23,9 +23,15 @@ def left_out_notes(key_frames: KeyFrames, used: IntArray, *, given: bool) -> tup
     rows = np.flatnonzero(~has_pose)
     if not len(rows):
         return ()
-    why = "no pose was given for them" if given else _why_unregistered(key_frames, has_pose)
+    why = _why_not_given(key_frames) if given else _why_unregistered(key_frames, has_pose)
     how_many = f"{len(rows)} of {len(key_frames)} key frames are left out"
     return (f"{how_many}, {_name_frames(key_frames, rows)}: {why}.",)
+
+
+def _why_not_given(key_frames: KeyFrames) -> str:
+    """Of a video, poses off its path do not count as given; their own note names them."""
+    pose = "pose that lies on the path" if key_frames.is_video else "pose"
+    return f"no {pose} was given for them"
 
 
 def _why_unregistered(key_frames: KeyFrames, has_pose: BoolArray) -> str:

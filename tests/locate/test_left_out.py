@@ -45,6 +45,12 @@ def test_blurred_frames_are_told() -> None:
     assert "2 of them are blurred" in note
 
 
+def test_poses_off_the_path_of_a_video_do_not_count_as_given() -> None:
+    (note,) = left_out_notes(key_frames(60), without(60, 10, 40), given=True)
+    assert note.startswith("2 of 60 key frames are left out")
+    assert note.endswith("no pose that lies on the path was given for them.")
+
+
 def test_photos_are_named_and_many_are_counted() -> None:
     frames = key_frames(30, is_video=False)
     (note,) = left_out_notes(frames, without(30, 0, 4), given=True)
