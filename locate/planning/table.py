@@ -18,17 +18,17 @@ IN_A_FRAME = 0.9, 1.9
 PRECEDENTS: dict[str, tuple[tuple[float, str], ...]] = {
     "lossless": (
         (1.0, "20 of 20 simulated leaks of this strength were found"),
-        (0.3, "19 of 20 simulated leaks of 0.3 px were found, none of 6 on real frames"),
-        (0.1, "11 to 15 of 20 simulated leaks of 0.1 px were found, none on real frames"),
+        (0.3, "19 of 20 simulated leaks of 0.3 px were found; on sharp photos 6 of 6"),
+        (0.1, "19 of 20 simulated leaks of 0.1 px were found; on sharp photos 4 of 6"),
         (0.05, "1 of 2 simulated leaks of 0.05 px was found"),
     ),
     "video": (
-        (1.0, "simulated leaks of this strength were found; on real frames 6 of 6, 3 well placed"),
+        (1.0, "simulated leaks of this strength were found; on real frames 5 of 6"),
         (0.3, "1 of 2 simulated leaks of 0.3 px was found in H.264, none of 6 on real frames"),
     ),
 }
-"""What was found at which strength, strongest first; docs/accuracy.md, docs/seeing.md and
-docs/weak_plumes.md hold the commands."""
+"""What was found at which strength, strongest first; docs/accuracy.md, docs/seeing.md,
+docs/weak_plumes.md and docs/real_frames.md hold the commands."""
 
 
 def precedent(plan: Plan) -> str:
