@@ -70,15 +70,18 @@ def read_pose_list(path: Path) -> PoseList:
 def _read_rows(path: Path, header: str, rows: list[tuple[int, list[str]]]) -> PoseList:
     length = len(rows[0][1])
     values = []
+    in_ns = rows[0][1][0].isdecimal() and float(rows[0][1][0]) >= LEAST_NS
     for number, cells in rows:
         try:
-            if len(cells) != length:
+            numbers = [float(cell) for cell in cells]
+            if len(cells) != length or not np.isfinite(numbers).all():
                 raise ValueError
-            values.append([float(cell) for cell in cells])
+            if in_ns and numbers[0] < LEAST_NS:
+                raise ValueError
+            values.append(numbers)
         except ValueError as error:
             raise BadInputError(f"{path}, line {number}: not a pose; {KINDS}") from error
     table = np.array(values)
-    in_ns = rows[0][1][0].isdecimal() and int(rows[0][1][0]) >= LEAST_NS
     if length == 12 and not in_ns:
         matrices = table.reshape(-1, 3, 4)
         rotations = np.swapaxes(matrices[:, :, :3], 1, 2)
@@ -86,13 +89,14 @@ def _read_rows(path: Path, header: str, rows: list[tuple[int, list[str]]]) -> Po
     if length != 8 and not (in_ns and length > 8):
         raise BadInputError(f"{path}, line {rows[0][0]}: {length} numbers; {KINDS}")
     # Whole ns lose nothing that matters as a float: at 1.4e18 ns it is good to 256 ns.
-    times_s = np.array([int(cells[0]) / 1e9 for _, cells in rows]) if in_ns else table[:, 0]
+    times_s = table[:, 0] / 1e9 if in_ns else table[:, 0]
     quaternions = table[:, 4:8]
     if _w_is_first(path, header, in_ns):
         quaternions = np.roll(quaternions, -1, axis=1)
-    lengths = np.linalg.norm(quaternions, axis=1)
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(quaternions, axis=1)
     if not (np.abs(lengths - 1) < UNIT_TOLERANCE).all():
-        worst = rows[int(np.abs(np.nan_to_num(lengths) - 1).argmax())][0]
+        worst = rows[int(np.abs(lengths - 1).argmax())][0]
         raise BadInputError(f"{path}, line {worst}: its quaternion is not of length 1; {KINDS}")
     order = np.argsort(times_s, kind="stable")
     rotation = Rotation.from_quat(quaternions[order]).inv()

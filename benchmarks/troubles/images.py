@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from detect.warp import pixel_grid, sample
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 
 Trouble = Callable[[Sequence[GreyImage], np.random.Generator], list[GreyImage]]
@@ -264,13 +265,7 @@ def _line(length: float, angle: float) -> FloatMap:
 
 
 def _displace(image: GreyImage, shift: FloatMap) -> GreyImage:
-    height, width = image.shape
-    y, x = np.mgrid[:height, :width].astype(np.float32)
-    return np.asarray(
-        cv2.remap(
-            image, x + shift[..., 0], y + shift[..., 1], cv2.INTER_CUBIC, None, cv2.BORDER_REFLECT
-        )
-    )
+    return _whole(sample(image, pixel_grid(image.shape) + shift))
 
 
 def _random_field(shape: tuple[int, ...], rms_px: float, rng: np.random.Generator) -> FloatMap:

@@ -9,6 +9,7 @@ import numpy as np
 from detect.detection import Detection, Frames
 from detect.evidence import displacement_evidence, null_scale
 from detect.registered.evidence_network import EvidenceNetwork
+from detect.registered.exposure import brighten, brighten_full_size, gain_towards
 from detect.registered.features import stack_features
 from detect.registered.neighbours import choose_neighbours, typical_inverse_depth
 from detect.registered.registration import Measurement, Neighbour, Registration
@@ -112,16 +113,15 @@ class RegisteredDetector:
         rows = choose_neighbours(trajectory, index, inverse_depth, self._count)
         if len(rows) < 2:
             return None
-        neighbours = [
-            Neighbour(
-                image=frames.images[row],
-                view=EpipolarGeometry.between_frames(trajectory, index, row).in_unit(inverse_depth),
-            )
-            for row in rows
-        ]
+        key = frames.images[index]
+        neighbours, gains = [], {index: 1.0}
+        for row in rows:
+            view = EpipolarGeometry.between_frames(trajectory, index, row).in_unit(inverse_depth)
+            gains[row] = gain_towards(key, frames.images[row], view)
+            neighbours.append(Neighbour(image=brighten(frames.images[row], gains[row]), view=view))
         full_size = frames.full_size
-        read_full_size = None if full_size is None else partial(_take, full_size, [index, *rows])
-        registration = Registration(frames.images[index], neighbours, read_full_size)
+        read = None if full_size is None else partial(_take, full_size, gains)
+        registration = Registration(key, neighbours, read)
         return registration.measure(), inverse_depth
 
     def _typical_inverse_depth(self, frames: Frames, trajectory: Trajectory, index: int) -> float:
@@ -136,8 +136,8 @@ class RegisteredDetector:
         return float(1 / np.median(points[seen, 2]))
 
 
-def _take(images: Sequence[FloatMap], rows: Sequence[int]) -> list[FloatMap]:
-    return [images[row] for row in rows]
+def _take(images: Sequence[FloatMap], gains: dict[int, float]) -> list[FloatMap]:
+    return [brighten_full_size(images[row], gain) for row, gain in gains.items()]
 
 
 def _assemble_detection(

@@ -53,6 +53,7 @@ from locate.survey.flights import read_config
 from locate.survey.model import Flight, Survey
 from locate.survey.scoring import CampaignTruth
 from tests.detect.onnx_files import convolution
+from tests.geometry.test_pose_lists import VARIANTS
 from tests.locate import recorded, survey_runs
 from tests.locate.answers import orbit, plume, plume_map
 from tests.locate.test_formats import write_raw
@@ -143,6 +144,10 @@ def _write_pictures(folder: Path, name: str) -> None:
     (folder / name).mkdir()
     for i in range(FRAMES):
         cv2.imwrite(str(folder / name / f"{i}.png"), texture(i))
+
+
+def _write_pages(folder: Path) -> None:
+    cv2.imwritemulti(str(folder / "pages.tif"), [texture(i) for i in range(FRAMES)])
 
 
 def _write_image(name: str) -> Callable[[Path], object]:
@@ -346,6 +351,10 @@ def _write_json(name: str, content: Any) -> Callable[[Path], object]:
     return lambda folder: (folder / name).write_text(json.dumps(content))
 
 
+def _write_text(name: str, content: str) -> Callable[[Path], object]:
+    return lambda folder: (folder / name).write_text(content)
+
+
 def _write_shard(folder: Path) -> None:
     Shard(
         images=np.zeros((2, 8, 8), np.uint8),
@@ -402,6 +411,10 @@ READERS: dict[str, Reader] = {
     "tum": Reader(
         "poses.txt", lambda folder: write_tum(orbit(FRAMES), folder / "poses.txt"), _read_poses
     ),
+    **{
+        kind: Reader("poses.txt", _write_text("poses.txt", VARIANTS[kind]), _read_poses)
+        for kind in ("EuRoC with velocities", "KITTI")
+    },
     **{
         f"colmap {name}": Reader(name, _write_model, lambda path: _read_own_camera(path.parent))
         for name in COLMAP_BINARIES
@@ -517,6 +530,7 @@ READERS: dict[str, Reader] = {
         for suffix, module in ((".heic", "pi_heif"), (".dng", "rawpy"))
         if find_spec(module)
     },
+    "pages": Reader("pages.tif", _write_pages, _read_recording),
     "folder of photos": Reader(
         "photos/1.png",
         lambda folder: _write_pictures(folder, "photos"),

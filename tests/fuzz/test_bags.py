@@ -14,11 +14,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores
 
 from locate.messages.bags import TopicChoice
+from locate.messages.image_stream import ImageStream
 from locate.recording.bag import BagRecording
 from tests.fuzz.bounds import read_bounded
 from tests.fuzz.damage import Cut, cuts, damaged, fuzzed
 from tests.fuzz.readers import CAMERA, check_camera, check_poses, texture
 from tests.robot.test_bag_playing import MessageRecorder
+from tests.robot.test_image_stream import IN_ORDER, coded, live
 
 SECOND_NS = 1_000_000_000
 KINDS = {
@@ -90,3 +92,33 @@ def test_damaged_bag(tmp_path: Path, name: str, found: list[Cut]) -> None:
 @pytest.mark.parametrize("name", KINDS)
 def test_whole_bag(tmp_path: Path, name: str) -> None:
     read(write(tmp_path, name))
+
+
+@pytest.mark.parametrize(
+    ("name", "encoder", "options"),
+    [
+        ("h264", "libx264", IN_ORDER),
+        ("h265", "libx265", {"x265-params": "log-level=none"}),
+        ("vp9", "libvpx-vp9", {"lag-in-frames": "0", "b": "2000000"}),
+    ],
+)
+@fuzzed(15)
+@given(found=cuts())
+def test_damaged_coded_video(
+    tmp_path: Path, name: str, encoder: str, options: dict[str, str], found: list[Cut]
+) -> None:
+    path, whole = tmp_path / "damaged", tmp_path / "whole"
+    if not whole.exists():
+        (_, first), (_, second), *_ = coded(encoder, **options)
+        whole.write_bytes(first)
+        (tmp_path / "next").write_bytes(second)
+    path.write_bytes(damaged(whole.read_bytes(), found))
+
+    def decode(path: Path) -> None:
+        stream = ImageStream()
+        shown = stream.read(live(0, path.read_bytes(), name), 0)
+        shown += stream.read(live(1, (tmp_path / "next").read_bytes(), name), 1)
+        for picture in shown + stream.finish():
+            assert picture.image.dtype == np.uint8
+
+    read_bounded(decode, path)

@@ -69,7 +69,16 @@ REFUSED = {
     "decimal commas": ("0,5 1,0 2,0 3,0 0,0 0,0 0,0 1,0\n", "line 1: 16 numbers"),
     "cut short": (tum(" ")[:-20], "line 3"),
     "Euler angles": ("0.0 1 2 3 10 20 30 0\n", "line 1: its quaternion"),
-    "not finite": ("0.0 1 2 3 0 0 nan 1\n", "line 1: its quaternion"),
+    "stamps in s after ns": (
+        tum(",", w_first=True, stamps=[*ns()[:2], "0.5"]),
+        "line 3: not a pose",
+    ),
+    "a stamp of 400 digits": (
+        tum(",", w_first=True, stamps=["9" * 400, *ns()[1:]]),
+        "line 1: not a pose",
+    ),
+    "a huge quaternion": ("0.0 1 2 3 0 0 1e300 1\n", "line 1: its quaternion"),
+    "not finite": ("0.0 1 2 3 0 0 nan 1\n", "line 1: not a pose"),
     "unknown order": ("t,x,y,z,qx,qw,qy,qz\n" + tum(","), "unknown order"),
 }
 
