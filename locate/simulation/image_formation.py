@@ -34,6 +34,5 @@ def digitise_grey(grey: FloatMap, image: ImageBlock, rng: np.random.Generator) -
 
 def area_mean(fine: FloatMap, samples: int) -> FloatMap:
     """(H, W, ...) mean of each block of samples x samples of a finer (H * s, W * s, ...) map."""
-    height, width = fine.shape[0] // samples, fine.shape[1] // samples
-    blocks = fine.reshape(height, samples, width, samples, *fine.shape[2:])
-    return np.asarray(blocks.mean(axis=(1, 3)), dtype=np.float32)
+    size = (fine.shape[1] // samples, fine.shape[0] // samples)
+    return np.asarray(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), dtype=np.float32)

@@ -1,6 +1,7 @@
 """One frame: the rays of a camera, bent by the plumes, and what they bring back."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -18,6 +19,9 @@ from locate.simulation.surfaces import RayHits, SurfaceModel
 MASK_SHARE = 0.3
 NEGLIGIBLE_PX = 1e-4
 SKY_M = 1e5
+BAND_RAYS = 2**16
+COARSE_SIDE = 640
+"""Least width, in rays, of the grid on which the bending is integrated."""
 TRIAL_FRAMES = 6
 TRIAL_STRIDE = 3
 
@@ -62,67 +66,91 @@ class Renderer:
         self._fields = fields
         self._trajectory = trajectory
         self.camera = trajectory.camera
-        self._pixel_rays = _unit_rays(self.camera, 1)
-        self._fine_rays = _unit_rays(self.camera, scene.image.samples)
+        self._coarse_px = _coarse_spacing(self.camera)
+        self._pixel_rays = _unit_rays(self.camera)
+        self._coarse_rays = _unit_rays(self.camera, spacing=self._coarse_px)
+        self._fine_rays = _unit_rays(self.camera, samples=scene.image.samples)
         self.amplitudes_px = [self._calibrate_gain(field) for field in fields]
 
     def render_frame(self, i: int, *, with_plumes: bool = True) -> tuple[GreyImage, RenderedTruth]:
         """Frame `i` as the camera stores it, and the truth about it."""
-        shape = self._fine_rays.shape[:2]
         samples = self._scene.image.samples
         world = self._world.at(float(self._trajectory.times_s[i]))
-        directions = self._to_world(i, self._fine_rays)
-        origins = self._ray_origins(i)
+        bends = self._bends(i) if with_plumes else []
+        radiance = np.empty(self._fine_rays.shape[:2], dtype=np.float32)
+        displacement = np.zeros((self.camera.height, self.camera.width, 2), dtype=np.float32)
+        depth = np.empty(displacement.shape[:2], dtype=np.float32)
+        for rows in self._bands():
+            fine = slice(rows.start * samples, rows.stop * samples)
+            radiance[fine], w, along_axis = self._follow_rays(i, world, bends, fine)
+            displacement[rows] = area_mean(w, samples)
+            depth[rows] = _lower_median(along_axis, samples)
+        gain = self._scene.image.gain * self._shutter.frame_gain(i)
+        formation = self._scene.image.model_copy(update={"gain": gain})
+        image = expose_image(radiance, formation, self._scene.random_stream(4, i))
+        weakest = min(self.amplitudes_px, default=0.0)
+        size = np.linalg.norm(displacement, axis=-1)
+        mask = size > max(MASK_SHARE * weakest, NEGLIGIBLE_PX)
+        return image, RenderedTruth(displacement=displacement, mask=mask, depth=depth)
+
+    def _bands(self) -> Iterator[slice]:
+        """Rows of pixels whose fine rays fit a processor's cache, in whole coarse rows."""
+        rays = self._fine_rays.shape[1] * self._scene.image.samples * self._coarse_px
+        step = max(1, BAND_RAYS // rays) * self._coarse_px
+        for top in range(0, self.camera.height, step):
+            yield slice(top, min(top + step, self.camera.height))
+
+    def _follow_rays(
+        self, i: int, world: SurfaceModel, bends: Sequence[RayBend], rows: slice
+    ) -> tuple[FloatMap, FloatMap, FloatMap]:
+        """Follows some rows (h, W) of fine rays to where they end.
+
+        Returns:
+            Radiance (h, W); displacement (h, W, 2) px; depth (h, W) along the optical axis, m.
+        """
+        rays = self._fine_rays[rows]
+        shape = rays.shape[:2]
+        delays_s = self._delays_s(self._fine_rays.shape[:2], rows)
+        directions = self._to_world(i, rays, delays_s)
+        origins = self._ray_origins(i, len(directions), delays_s)
         hits = world.cast_rays(origins, directions)
-        along_axis = hits.range_m * self._fine_rays[..., 2].ravel()
+        along_axis = hits.range_m * rays[..., 2].ravel()
         path_m = hits.range_m.copy()
         w = np.zeros((len(directions), 2), dtype=np.float32)
-        if with_plumes and self._fields:
-            bent, w[bent] = self._bend_rays(i, world, origins, directions, hits, path_m)
+        deflected = [part for bend in bends if (part := self._refine_bend(bend, rows)) is not None]
+        if deflected:
+            bent, w[bent] = self._bend_rays(i, world, origins, directions, hits, path_m, deflected)
         radiance = world.compute_radiance(
             origins,
             directions,
             hits,
             path_m=path_m,
-            ray_width_rad=1 / (self.camera.focal_px * samples),
+            ray_width_rad=1 / (self.camera.focal_px * self._scene.image.samples),
         )
-        gain = self._scene.image.gain * self._shutter.frame_gain(i)
-        formation = self._scene.image.model_copy(update={"gain": gain})
-        image = expose_image(radiance.reshape(shape), formation, self._scene.random_stream(4, i))
-        return image, self._frame_truth(w.reshape(*shape, 2), along_axis.reshape(shape))
+        return radiance.reshape(shape), w.reshape(*shape, 2), along_axis.reshape(shape)
 
-    def _frame_truth(self, w: FloatMap, depth: FloatMap) -> RenderedTruth:
-        """What is true of each pixel, from its parts: the mean of w, the lower median of depth."""
-        samples = self._scene.image.samples
-        displacement = area_mean(w, samples)
-        weakest = min(self.amplitudes_px, default=0.0)
-        size = np.linalg.norm(displacement, axis=-1)
-        return RenderedTruth(
-            displacement=displacement,
-            mask=size > max(MASK_SHARE * weakest, NEGLIGIBLE_PX),
-            depth=np.sort(_pixel_blocks(depth, samples), axis=-1)[..., (samples**2 - 1) // 2],
-        )
+    def _delays_s(self, shape: tuple[int, ...], rows: slice = slice(None)) -> FloatMap | None:
+        """(N, 1) of some rows of a grid of rays of that shape; None where all are of one moment."""
+        if self._shutter.is_instant:
+            return None
+        samples = max(1, shape[0] // self.camera.height)
+        return self._shutter.delays_s(shape, samples)[rows].reshape(-1, 1)
 
-    def _to_world(self, i: int, rays: FloatMap) -> FloatMap:
+    def _to_world(self, i: int, rays: FloatMap, delays_s: FloatMap | None) -> FloatMap:
         """(N, 3) directions of rays (H, W, 3) of the camera."""
         rotation = self._trajectory.rotations[i].astype(np.float32)
         directions = np.asarray(rays.reshape(-1, 3) @ rotation)
-        if self._shutter.is_instant:
+        if delays_s is None:
             return directions
         _, turning = camera_velocities(self._trajectory, i)
-        samples = max(1, len(rays) // self.camera.height)
-        delays_s = self._shutter.delays_s(rays.shape[:2], samples).reshape(-1, 1)
         directions += delays_s * np.cross(turning.astype(np.float32), directions)
         return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
-    def _ray_origins(self, i: int) -> FloatMap:
-        """(N, 3) where the fine rays start."""
-        shape = self._fine_rays.shape[:2]
-        center = self._trajectory.centers_in_world[i].astype(np.float32)
-        origins = np.tile(center, (shape[0] * shape[1], 1))
-        if not self._shutter.is_instant:
+    def _ray_origins(self, i: int, count: int, delays_s: FloatMap | None) -> FloatMap:
+        """(N, 3) where rays start."""
+        origins = np.tile(self._trajectory.centers_in_world[i].astype(np.float32), (count, 1))
+        if delays_s is not None:
             moving, _ = camera_velocities(self._trajectory, i)
-            delays_s = self._shutter.delays_s(shape, self._scene.image.samples).reshape(-1, 1)
             origins += delays_s * moving.astype(np.float32)
         return origins
 
@@ -134,13 +162,14 @@ class Renderer:
         directions: FloatMap,
         hits: RayHits,
         path_m: FloatMap,
+        bends: Sequence[RayBend],
     ) -> tuple[IntArray, FloatMap]:
         """Sends the rays that cross a plume on from where it bends them, in place.
 
         Returns:
             Which rays, and their (N, 2) displacement, px.
         """
-        deflection, turn_m = self._ray_deflection(i, hits.range_m)
+        deflection, turn_m = _sum_bends(bends, hits.range_m)
         felt_px = np.linalg.norm(deflection, axis=-1) * self.camera.focal_px
         bent = np.flatnonzero(felt_px > NEGLIGIBLE_PX).astype(np.int64)
         straight, deflection, turn_m = directions[bent], deflection[bent], turn_m[bent]
@@ -158,28 +187,39 @@ class Renderer:
             self.camera, rotation, straight, deflection, turn_m, last.range_m
         )
 
-    def _ray_deflection(self, i: int, ends_m: FloatMap) -> tuple[FloatMap, FloatMap]:
-        """Total deflection (N, 3) of each fine ray up to where it ends, and where it turns (N,).
+    def _bends(self, i: int) -> list[RayBend]:
+        """What each plume does to the coarse rays of frame `i`.
 
-        The bending is smooth over the image: it is integrated along the ray of each pixel and
-        interpolated to the finer rays, whose own ends then say how much of it they undergo.
+        The bending is smooth over the image: it is integrated along coarse rays and interpolated
+        to the fine ones, whose own ends then say how much of it they undergo.
         """
-        range_m = ends_m.reshape(self._fine_rays.shape[:2])
         center = self._trajectory.centers_in_world[i]
-        rays = self._to_world(i, self._pixel_rays)
-        total = np.zeros((*range_m.shape, 3), dtype=np.float32)
-        weighted = np.zeros(range_m.shape, dtype=np.float32)
-        weights = np.full(range_m.shape, 1e-20, dtype=np.float32)
-        for field in self._fields:
-            bend = _refine_bend(
-                field.bend_rays(i, center, rays), self._pixel_rays.shape, range_m.shape
-            )
-            part = bend.deflection.reshape(total.shape) * bend.share_before(range_m)[..., None]
-            size = np.linalg.norm(part, axis=-1)
-            total += part
-            weighted += size * bend.range_m
-            weights += size
-        return total.reshape(-1, 3), (weighted / weights).ravel()
+        delays_s = self._delays_s(self._coarse_rays.shape[:2])
+        directions = self._to_world(i, self._coarse_rays, delays_s)
+        return [field.bend_rays(i, center, directions) for field in self._fields]
+
+    def _refine_bend(self, bend: RayBend, rows: slice) -> RayBend | None:
+        """The bending of some rows of fine rays; None where there is none."""
+        height, width = self._coarse_rays.shape[:2]
+        factor = self._fine_rays.shape[0] // height
+        first, end = rows.start // factor, rows.stop // factor
+        above, below = max(first - 1, 0), min(end + 1, height)
+        around = slice(above * width, below * width)
+        if not bend.deflection[around].any():
+            return None
+        fine_shape = (self._fine_rays.shape[1], (below - above) * factor)
+        kept = slice((first - above) * factor, (end - above) * factor)
+
+        def grow(values: FloatMap) -> FloatMap:
+            grid = values[around].reshape(below - above, width, -1)
+            grown = cv2.resize(grid, fine_shape, interpolation=cv2.INTER_LINEAR)[kept]
+            return np.asarray(grown.reshape(-1, *values.shape[1:]), dtype=np.float32)
+
+        return RayBend(
+            deflection=grow(bend.deflection),
+            range_m=grow(bend.range_m),
+            spread_m=grow(bend.spread_m),
+        )
 
     def _calibrate_gain(self, field: PlumeField) -> float:
         """Sets the gain of a plume to reach its amplitude; returns the amplitude."""
@@ -191,9 +231,9 @@ class Renderer:
     def _trial_percentile(self, field: PlumeField, i: int) -> float:
         """The 95th percentile of |w| in frame `i`, on a coarse grid of rays."""
         rays = self._pixel_rays[::TRIAL_STRIDE, ::TRIAL_STRIDE]
-        directions = self._to_world(i, rays)
+        directions = self._to_world(i, rays, self._delays_s(rays.shape[:2]))
         center = self._trajectory.centers_in_world[i]
-        origins = np.tile(center.astype(np.float32), (len(directions), 1))
+        origins = self._ray_origins(i, len(directions), None)
         world = self._world.at(float(self._trajectory.times_s[i]))
         ends = world.cast_rays(origins, directions).range_m
         bend = field.bend_rays(i, center, directions)
@@ -232,29 +272,44 @@ def apparent_shift(
     return np.asarray(there - here, dtype=np.float32)
 
 
-def _unit_rays(camera: Camera, samples: int) -> FloatMap:
-    """(H * s, W * s, 3) unit rays through the middles of the parts of each pixel."""
-    x = (np.arange(camera.width * samples) + 0.5) / samples - 0.5
-    y = (np.arange(camera.height * samples) + 0.5) / samples - 0.5
+def _coarse_spacing(camera: Camera) -> int:
+    """Pixels between rays that stand at least `COARSE_SIDE` to a row, and fill the frame evenly."""
+    common = math.gcd(camera.width, camera.height)
+    return max(
+        spacing
+        for spacing in range(1, max(1, camera.width // COARSE_SIDE) + 1)
+        if common % spacing == 0
+    )
+
+
+def _unit_rays(camera: Camera, *, samples: int = 1, spacing: int = 1) -> FloatMap:
+    """(H * s, W * s, 3) unit rays through the middles of the parts of each pixel.
+
+    With a spacing, (H / spacing, W / spacing, 3), through the middles of blocks of pixels.
+    """
+    part = spacing / samples
+    x = (np.arange(camera.width * samples // spacing) + 0.5) * part - 0.5
+    y = (np.arange(camera.height * samples // spacing) + 0.5) * part - 0.5
     return camera.rays(np.stack(np.meshgrid(x, y), axis=-1)).astype(np.float32)
 
 
-def _pixel_blocks(fine: FloatMap, samples: int) -> FloatMap:
+def _lower_median(fine: FloatMap, samples: int) -> FloatMap:
+    """(H, W) lower median of each block of samples x samples of a finer map."""
     height, width = fine.shape[0] // samples, fine.shape[1] // samples
     blocks = fine.reshape(height, samples, width, samples).transpose(0, 2, 1, 3)
-    return blocks.reshape(height, width, -1)
+    middle = (samples**2 - 1) // 2
+    return np.partition(blocks.reshape(height, width, -1), middle, axis=-1)[..., middle]
 
 
-def _refine_bend(bend: RayBend, shape: tuple[int, ...], fine: tuple[int, ...]) -> RayBend:
-    """The bending of the pixels' rays, for the finer rays between them."""
-
-    def grow(values: FloatMap) -> FloatMap:
-        grid = values.reshape(*shape[:2], -1)
-        grown = cv2.resize(grid, fine[::-1], interpolation=cv2.INTER_LINEAR)
-        return np.asarray(grown, dtype=np.float32)
-
-    return RayBend(
-        deflection=grow(bend.deflection),
-        range_m=grow(bend.range_m),
-        spread_m=grow(bend.spread_m),
-    )
+def _sum_bends(bends: Sequence[RayBend], ends_m: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """Total deflection (N, 3) of rays up to where they end, and where they turn (N,)."""
+    total = np.zeros((len(ends_m), 3), dtype=np.float32)
+    weighted = np.zeros(len(ends_m), dtype=np.float32)
+    weights = np.full(len(ends_m), 1e-20, dtype=np.float32)
+    for bend in bends:
+        part = bend.deflection * bend.share_before(ends_m)[:, None]
+        size = np.linalg.norm(part, axis=-1)
+        total += part
+        weighted += size * bend.range_m
+        weights += size
+    return total, weighted / weights

@@ -127,10 +127,11 @@ class StaticSurfaces:
             (N,) radiance.
         """
         radiance = np.empty(len(directions), dtype=np.float32)
-        solid = np.isfinite(hits.range_m)
-        if not solid.all():
-            radiance[~solid] = self._sky_radiance(directions[~solid])
-        if not solid.any():
+        finite = np.isfinite(hits.range_m)
+        solid = slice(None) if finite.all() else np.flatnonzero(finite)
+        if not finite.all():
+            radiance[~finite] = self._sky_radiance(directions[~finite])
+        if not finite.any():
             return radiance
         triangle = hits.triangle[solid]
         points = origins[solid] + directions[solid] * hits.range_m[solid][:, None]
