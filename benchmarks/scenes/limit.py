@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from benchmarks.scenes.coding import run_folder
 from detect.registry import make_detector
 from geometry.arrays import FloatMap, GreyImage
 from geometry.trajectory import Trajectory
@@ -74,7 +75,7 @@ def find_inserted(
     clean: Path, leak: Path, factor: float, detector_name: str, most: int
 ) -> tuple[bool, PlumeMap]:
     """Whether a run finds the leak's plume at `factor` of its strength, and its map."""
-    run = clean / "run"
+    run = run_folder(clean / "video.mkv")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         source = load_posed_frames(run, run / "frames")
@@ -114,7 +115,9 @@ def main(options: argparse.Namespace) -> None:
         if limit_px is None:
             print(f"{seed} | no limit stated")
             continue
-        indices = Trajectory.load(clean / "run" / "trajectory.json").indices.tolist()
+        indices = Trajectory.load(
+            run_folder(clean / "video.mkv") / "trajectory.json"
+        ).indices.tolist()
         strength_px = mean_strength_px(leak, indices)
         for share in options.shares:
             factor = share * limit_px / strength_px

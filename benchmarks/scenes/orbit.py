@@ -4,10 +4,12 @@
     python -m benchmarks.scenes orbit --seeds 1003 1004 --kinds leak
     python -m benchmarks.scenes orbit --seeds 1003 1004 --kinds pair    # two leaks 1 m apart
     python -m benchmarks.scenes orbit --seeds 1003 --nuisances people h264 --photos PHOTOS
+    python -m benchmarks.scenes orbit --amplitude 0.3 --codings h264_0.2 --effort thorough
 
 Each scene is 60 frames of 640x480 on an arc of 60 degrees, filmed losslessly; poses come from
 structure from motion. Renderings are kept in the work folder and used again. `--nuisances` spoils
 every scene by each of these in turn; what moves is covered with photos of the test split.
+`--codings` codes each lossless recording anew, with so many bits a pixel.
 """
 
 import argparse
@@ -19,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.scenes import coding
 from detect.synthesis.raster import find_photos
 from geometry.errors import LocateError
 from geometry.trajectory import Trajectory
@@ -78,11 +81,12 @@ def render(folder: Path, scene: Scene, nuisance: str, photos: Sequence[Path]) ->
     write_recording(apply_nuisances(capture, [nuisance] if nuisance else [], rng), folder)
 
 
-def run(folder: Path, *, resume: bool) -> Outcome:
-    output = folder / "run"
+def run(recording: Path, effort: str = coding.USUAL, *, resume: bool) -> Outcome:
+    folder, output = recording.parent, coding.run_folder(recording, effort)
+    settings = {"recording": recording, "effort": effort, "overlay": False}
     started = time.process_time()
     try:
-        plume_map = Run(RunConfig(recording=folder / "video.mkv"), output, force=not resume).run()
+        plume_map = Run(RunConfig.of(settings), output, force=not resume).run()
     except LocateError as error:
         cpu_s = time.process_time() - started
         return Outcome(evaluation=None, plume_map=None, cpu_s=cpu_s, failure=str(error))
@@ -138,6 +142,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--noise", type=float, default=1.0, help="of 255")
     parser.add_argument("--nuisances", nargs="+", choices=tuple(NUISANCES), default=("",))
     parser.add_argument("--photos", type=Path, help="for what moves")
+    coding.add_arguments(parser)
     parser.add_argument("--resume", action="store_true", help="Keep the stages that stand.")
     parser.add_argument("--work", type=Path, default=Path("work/orbit"))
 
@@ -155,6 +160,8 @@ def main(options: argparse.Namespace) -> None:
         if pair:
             scene = with_second(scene, options.gap)
         render(folder, scene, nuisance, photos)
-        outcomes[plume].append(run(folder, resume=options.resume))
-        print(row(folder.name, outcomes[plume][-1]), flush=True)
+        for name in options.codings:
+            recording = coding.code(folder / "video.mkv", name)
+            outcomes[plume].append(run(recording, options.effort, resume=options.resume))
+            print(row(f"{folder.name} {name}", outcomes[plume][-1]), flush=True)
     print(summary(outcomes[True], outcomes[False]))

@@ -6,7 +6,7 @@
 Random plants whose leak is air of 438 K, or methane as warm as the air around it; no strength is
 set in px. The lens is the same at each size, the noise 1/255 in every pixel. Each leak and size is
 rendered once, losslessly, and kept in the work folder; other codings, with that many bits a pixel,
-are made of it. A frame of 3840 px takes two minutes to render.
+are made of it. A frame of 3840 px takes half a minute to render.
 """
 
 import argparse
@@ -15,24 +15,20 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
+from benchmarks.scenes import coding
 from geometry.errors import LocateError
 from geometry.refraction import AMBIENT_TEMPERATURE_K
 from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate_map
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
-from locate.recording import open_recording
-from locate.recording.recording import ANY_SIDE
-from locate.recording.writer import H264, H265
 from locate.simulation import Scene, random_scene, simulate
-from locate.simulation.compression import write_coded
 
 TEMPERATURES_K = {"air": 438.0, "methane": AMBIENT_TEMPERATURE_K}
 SIZES = {640: 480, 1280: 720, 1920: 1080, 3840: 2160}
 """Height of the frames of each width, px."""
 FOCAL_WIDTHS = 560 / 640
 """Focal length of the lens, in widths of the frame."""
-CODECS = {"h264": H264, "h265": H265}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,20 +59,11 @@ class Leak:
         return f"{self.gas}_{self.radius_m:g}m_at_{self.range_m:g}m"
 
 
-def film(folder: Path, scene: Scene, coding: str) -> Path:
-    """The recording, rendered and coded where it does not stand yet."""
+def film(folder: Path, scene: Scene) -> Path:
+    """The lossless recording, rendered where it does not stand yet."""
     if not (folder / "truth.json").exists():
         simulate(scene, folder)
-    lossless = folder / "video.mkv"
-    if coding == "lossless":
-        return lossless
-    coded = folder / f"{coding}.mp4"
-    if not coded.exists():
-        codec, bits = coding.split("_")
-        recording = open_recording(lossless, max_side=ANY_SIDE)
-        images = [frame.image for frame in recording.frames()]
-        write_coded(coded, images, scene.video.fps, codec=CODECS[codec], bits_per_pixel=float(bits))
-    return coded
+    return folder / "video.mkv"
 
 
 def strength_px(folder: Path) -> float:
@@ -86,7 +73,7 @@ def strength_px(folder: Path) -> float:
 
 def row(folder: Path, recording: Path, name: str, effort: str) -> str:
     """What a run makes of it: strength (p95), found, error, NEES, false, limit, CPU s."""
-    output = folder / f"run_{recording.stem}_{effort}"
+    output = coding.run_folder(recording, effort)
     settings = {"recording": recording, "effort": effort, "overlay": False}
     job = Run(RunConfig.of(settings), output, force=True)
     try:
@@ -109,10 +96,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--radii", type=float, nargs="+", default=[0.06, 0.12], help="m")
     parser.add_argument("--ranges", type=float, nargs="+", default=[5.0, 8.5, 15.0], help="m")
     parser.add_argument("--sizes", type=int, nargs="+", choices=list(SIZES), default=[640, 1280])
-    parser.add_argument("--codings", nargs="+", default=["lossless"], help="h264_0.2, h265_0.1")
     parser.add_argument("--seeds", type=int, nargs="+", default=[13000])
     parser.add_argument("--frames", type=int, default=60)
-    parser.add_argument("--effort", default="usual")
+    coding.add_arguments(parser)
     parser.add_argument("--work", type=Path, default=Path("work/physical"))
 
 
@@ -121,7 +107,8 @@ def main(options: argparse.Namespace) -> None:
     for (gas, radius_m, range_m), width, seed in product(leaks, options.sizes, options.seeds):
         leak = Leak(gas=gas, radius_m=radius_m, range_m=range_m)
         folder = options.work / f"{leak}_{width}px_{options.frames}_{seed}"
-        for coding in options.codings:
-            recording = film(folder, leak.scene(seed, width, options.frames), coding)
-            name = f"{leak} {width} px, {coding}, {seed}"
-            print(row(folder, recording, name, options.effort), flush=True)
+        lossless = film(folder, leak.scene(seed, width, options.frames))
+        for name in options.codings:
+            recording = coding.code(lossless, name)
+            label = f"{leak} {width} px, {name}, {seed}"
+            print(row(folder, recording, label, options.effort), flush=True)

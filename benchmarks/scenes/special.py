@@ -25,7 +25,7 @@ def main(options: argparse.Namespace) -> None:
         folder = options.work / name
         if not (folder / "truth.json").exists():
             simulate(Scene.load(SCENES / f"{name}.yaml"), folder)
-        outcome = run(folder, resume=options.resume)
+        outcome = run(folder / "video.mkv", resume=options.resume)
         print(row(name, outcome), flush=True)
         for note in () if outcome.plume_map is None else outcome.plume_map.notes:
             print(f"  {note}")
