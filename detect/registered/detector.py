@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from detect.detection import Detection, Frames
+from detect.detection import Detection, Detector, Frames
 from detect.evidence import displacement_evidence, null_scale
+from detect.registered.displacement_only import NEIGHBOURS, DisplacementOnlyDetector
 from detect.registered.evidence_network import EvidenceNetwork
 from detect.registered.exposure import brighten, brighten_full_size, gain_towards
 from detect.registered.features import stack_features
@@ -19,7 +20,6 @@ from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 
 ENOUGH_VISIBLE = 4.0
-KNOWN_TEXTURE = 1.0
 EDGE_HALF_PX = 3.0
 EDGE_SHARE = 0.1
 EDGE_MOST_PX = 8.0
@@ -62,6 +62,13 @@ class RegisteredDetector:
         self._calibration = None if self._network is None else self._network.read_calibration()
         self.response = None if self._network is None else self._network.read_response()
         self.name = "registered-plain" if self._network is None else "registered"
+
+    @property
+    def displacement_only(self) -> Detector:
+        """One that measures the displacement alone, of more frames for the same cost."""
+        few = min(self._count, NEIGHBOURS)
+        plain = RegisteredDetector(neighbours=few, points_in_world=self._points_in_world)
+        return DisplacementOnlyDetector(plain.measure)
 
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`; what looks like an error of its pose is taken out of w.
@@ -149,13 +156,11 @@ def _assemble_detection(
     share that was measured on simulated scenes.
     """
     size_px = np.linalg.norm(measurement.displacement, axis=-1)
-    known = measurement.texture > KNOWN_TEXTURE
-    inverse_depth = np.where(known, measurement.relative_inverse_depth, np.nan)
     return Detection(
         displacement=measurement.displacement.astype(np.float32),
         sigma_px=np.hypot(sigma_px, GAIN_ERROR * size_px).astype(np.float32),
         llr=llr,
-        inverse_depth=(inverse_depth * inverse_depth_unit).astype(np.float32),
+        inverse_depth=measurement.inverse_depth(inverse_depth_unit),
         information=measurement.information,
     )
 

@@ -30,6 +30,7 @@ WINDOW_PX = 2.0
 NOISE = 1.4
 MAX_RESIDUAL_PX = 3.0
 TEXTURE_HALF = 4.0
+KNOWN_TEXTURE = 1.0
 NEAREST = 20.0
 REFINE_AFTER = (2, 4)
 
@@ -69,6 +70,16 @@ class Measurement:
     relative_inverse_depth: FloatMap
     depth_edge_px: FloatMap
     information: DisplacementInformation | None = None
+
+    def inverse_depth(self, unit: float) -> FloatMap:
+        """(H, W) of the background, 1 / world unit; NaN where no texture tells it.
+
+        Args:
+            unit: Of the relative inverse depth, 1 / world unit.
+        """
+        known = self.texture > KNOWN_TEXTURE
+        depth = np.where(known, self.relative_inverse_depth, np.nan) * unit
+        return depth.astype(np.float32)
 
 
 class Registration:

@@ -207,11 +207,20 @@ def run(
             rich_help_panel=MEASUREMENT,
         ),
     ] = None,
+    displacement_frames: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Of how many others the displacement alone is measured; it shows weak plumes.",
+            show_default=_by_effort("displacement_frames"),
+            rich_help_panel=MEASUREMENT,
+        ),
+    ] = None,
     neighbours: Annotated[
         int | None,
         typer.Option(
             min=2,
-            help="With how many other frames each of these is compared.",
+            help="With how many other frames each frame is compared.",
             show_default=_by_effort("neighbours"),
             rich_help_panel=MEASUREMENT,
         ),
@@ -270,6 +279,7 @@ def run(
         "max_side": max_side,
         "effort": effort,
         "detection_frames": detection_frames,
+        "displacement_frames": displacement_frames,
         "neighbours": neighbours,
         "seed": seed,
         "overlay": overlay,

@@ -60,17 +60,18 @@ def find_plumes(
         progress: Receives the share done, from 0 to 1.
     """
     # 1. Columns in which the evidence of pixels adds up.
+    pixels = views.by_pixels
     fused = fuse(
-        views,
+        pixels,
         seed=seed,
         progress=lambda share: progress(FUSION_SHARE * share),
-        least_nats=detector.clutter_nats * len(views),
+        least_nats=detector.clutter_nats * len(pixels),
     )
     # 2. Those about which the displacement turns, and what turns alone show.
     rng = np.random.default_rng(seed)
     turns = None if fused.grid is None else TurnSearch.of_views(views, fused.grid, rng)
     if turns is None:
-        plumes = confirmed = [cap_probability(each, detector, len(views)) for each in fused.plumes]
+        plumes = confirmed = [cap_probability(each, detector, len(pixels)) for each in fused.plumes]
     else:
         confirmed = turns.confirm(fused.plumes, rng)
         plumes = confirmed + turns.find_plumes(confirmed, rng)

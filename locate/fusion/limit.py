@@ -62,21 +62,22 @@ def detection_limit_px(
         px of the original frames, or None where even the largest of `AMPLITUDES_PX` would not
         have been seen.
     """
-    columns = _random_columns(views, np.random.default_rng(seed))
-    observed = views.with_evidence(np.ones_like(views.llr))
+    pixels = views.by_pixels
+    columns = _random_columns(pixels, np.random.default_rng(seed))
+    observed = pixels.with_evidence(np.ones_like(pixels.llr))
     coverage = score_columns(observed, columns)
     columns = columns.take((coverage > LEAST_COVERAGE * coverage.max()).sum(axis=0) >= FEWEST_VIEWS)
     if not len(columns):
         return None
     narrow = Columns.of([column.widened(1 / RADIUS_WIDTHS) for column in columns])
     for amplitude in AMPLITUDES_PX:
-        expected = views.with_evidence(expected_llr(views, float(amplitude), response))
+        expected = pixels.with_evidence(expected_llr(pixels, float(amplitude), response))
         nats = clipped_sum(score_columns(expected, columns))
         if turns is None:
             seen = nats > threshold_nats
         else:
             size_px = TURN_SHARE * TURN_PER_MEAN * float(amplitude)
-            seen = passes(turns.score.expected(narrow, size_px), nats / len(views))
+            seen = passes(turns.score.expected(narrow, size_px), nats / len(pixels))
         if seen.mean() >= SHARE_SEEN:
             return float(amplitude)
     return None

@@ -38,6 +38,9 @@ FREE_OF_EVIDENCE = {"unit", "bending_px", "lowest_background"}
 class Views:
     """V views of evidence.
 
+    The last of them may tell their displacement alone, by their information: they have no evidence
+    of pixels (llr 0, sigma inf).
+
     Attributes:
         trajectory: V poses; the camera is a pinhole of the maps' size.
         llr: (V, H, W) evidence, nats per pixel.
@@ -49,6 +52,7 @@ class Views:
             these maps squared; so many pixels count as one independent sample.
         information: V normal equations of the displacement, as large as the maps; empty where
             the detector does not measure them.
+        displacement_only: How many of the views, the last ones, tell their displacement alone.
     """
 
     trajectory: Trajectory
@@ -58,14 +62,22 @@ class Views:
     sigma_px: FloatMap
     correlation_px2: float
     information: tuple[DisplacementInformation, ...] = ()
+    displacement_only: int = 0
 
     @classmethod
-    def from_detections(cls, detections: Sequence[Detection], trajectory: Trajectory) -> Self:
+    def from_detections(
+        cls,
+        detections: Sequence[Detection],
+        trajectory: Trajectory,
+        displacements: Sequence[Detection] = (),
+    ) -> Self:
         """Shrinks the maps by area averaging to at most `MAP_WIDTH_PX` wide.
 
         Args:
-            detections: V detections; those without inverse depth hold no evidence in 3D.
-            trajectory: Their V poses; the camera is the pinhole of the full-size frames.
+            detections: Those without inverse depth hold no evidence in 3D.
+            trajectory: The V poses of these and of the next; the camera is the pinhole of the
+                full-size frames.
+            displacements: Detections that tell the displacement alone.
         """
         factor = min(1.0, MAP_WIDTH_PX / trajectory.camera.width)
         camera = trajectory.camera.scaled(factor)
@@ -74,12 +86,13 @@ class Views:
             size = (camera.width, camera.height)
             return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
-        llr = np.stack([shrink_map(d.llr) for d in detections])
+        correlation_px2 = correlation_area(np.stack([shrink_map(d.llr) for d in detections]))
+        detections = [*detections, *displacements]
         unknown = np.full(detections[0].llr.shape, np.nan, np.float32)
         depth = [unknown if d.inverse_depth is None else d.inverse_depth for d in detections]
         return cls(
             trajectory=replace(trajectory, camera=camera),
-            llr=llr,
+            llr=np.stack([shrink_map(d.llr) for d in detections]),
             inverse_depth=np.stack(
                 [_shrink_nearest(d, camera.width, camera.height) for d in depth]
             ),
@@ -87,12 +100,32 @@ class Views:
             sigma_px=np.stack(
                 [_shrink_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
             ),
-            correlation_px2=correlation_area(llr),
+            correlation_px2=correlation_px2,
             information=_sum_information(detections, camera.width, camera.height),
+            displacement_only=len(displacements),
         )
 
     def __len__(self) -> int:
         return len(self.trajectory)
+
+    @cached_property
+    def by_pixels(self) -> Self:
+        """The views that have evidence of pixels."""
+        if not self.displacement_only:
+            return self
+        count = len(self) - self.displacement_only
+        part = replace(
+            self,
+            trajectory=self.trajectory.take(range(count)),
+            llr=self.llr[:count],
+            inverse_depth=self.inverse_depth[:count],
+            displacement=self.displacement[:count],
+            sigma_px=self.sigma_px[:count],
+            information=self.information[:count],
+            displacement_only=0,
+        )
+        vars(part)["unit"] = self.unit
+        return part
 
     def rolled_sideways(self, shifts_px: Sequence[int]) -> Self:
         """Every view's maps turned sideways by its own shift, the poses left where they are.

@@ -45,12 +45,13 @@ class RunConfig(BaseModel):
         board: A printed board of markers in the scene; it sets the scale.
         distance: A JSON file with the distance of two points of the scene; it sets the scale.
         shot: Of a video with cuts, the shot to use, from 1; the longest if left out.
-        effort: How much is looked at, where the next four do not say so.
+        effort: How much is looked at, where the next five do not say so.
         max_frames: The most frames that are used.
         max_side: Frames larger than this (px) are shrunk to it; poses, and the evidence of single
             pixels, are of frames of at most 1280 px.
         detection_frames: In how many of them refraction is measured.
-        neighbours: With how many others each of these is compared.
+        displacement_frames: Of how many others the displacement alone is measured.
+        neighbours: With how many others each frame is compared.
         overlay: Write overlay.mp4, the frames in a row with what was found; for recordings up to a
             minute if left out.
         seed: Of the random choices after structure from motion, whose own is fixed.
@@ -84,6 +85,7 @@ class RunConfig(BaseModel):
     max_frames: int | None = Field(default=None, ge=2)
     max_side: int | None = Field(default=None, ge=64)
     detection_frames: int | None = Field(default=None, ge=1)
+    displacement_frames: int | None = Field(default=None, ge=0)
     neighbours: int | None = Field(default=None, ge=2)
     overlay: bool | None = None
     seed: int = Field(default=0, ge=0)

@@ -19,7 +19,11 @@ from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
 from locate.map.answer import Answer, Cause, Obstacle
 from locate.map.plume import PlumeMap
-from locate.pipeline.detections import load_detections, load_response
+from locate.pipeline.detections import (
+    load_detections,
+    load_displacement_only,
+    load_response,
+)
 from locate.pipeline.evidence import save_evidence
 from locate.pipeline.files import RunFiles
 from locate.pipeline.map_notes import ONE_VIEWPOINT, map_notes
@@ -103,7 +107,10 @@ def fuse_detections(
         )
         report("fusion", 1.0)
         return plume_map
-    views = Views.from_detections(measured, trajectory.take(posed.rows_of(indices)))
+    others, displacements = load_displacement_only(detections)
+    views = Views.from_detections(
+        measured, trajectory.take(posed.rows_of([*indices, *others])), displacements
+    )
     found = find_plumes(
         views,
         detector,

@@ -28,31 +28,42 @@ def measure_frames(
     folder: Path,
     *,
     most: int,
+    most_displacement_only: int = 0,
     report: Report,
     share: tuple[int, int] = WHOLE,
 ) -> str:
     """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
 
-    Frames that already have their file are left alone, unless it is damaged. Of a share (k, n),
-    every n-th frame from the k-th is done, and no index written.
+    Of at most `most_displacement_only` others the displacement alone is measured, if the detector
+    can. Frames that already have their file are left alone, unless it is damaged. Of a share
+    (k, n), every n-th frame from the k-th is done, and no index written.
     """
     folder.mkdir(exist_ok=True)
     frames = posed.undistorted()
-    rows = spread_rows(len(frames), most, ends=0 if posed.trajectory is None else ENDS)
-    share_rows = rows[share[0] :: share[1]]
-    for done, row in enumerate(share_rows):
-        report("detections", done / len(share_rows))
+    ends = 0 if posed.trajectory is None else ENDS
+    rows = spread_rows(len(frames), most, ends=ends)
+    work = [(detector, row) for row in rows.tolist()]
+    others = np.empty(0, np.int64)
+    if most_displacement_only and detector.displacement_only is not None:
+        rest = np.setdiff1d(np.arange(ends, len(frames) - ends), rows)
+        others = rest[spread_rows(len(rest), most_displacement_only, ends=0)]
+        work += [(detector.displacement_only, row) for row in others.tolist()]
+    share_work = work[share[0] :: share[1]]
+    for done, (measuring, row) in enumerate(share_work):
+        report("detections", done / len(share_work))
         path = folder / f"{posed.indices[row]:06d}.npz"
         if not is_whole(path):
-            detector.detect(frames, int(row)).save(path)
+            measuring.detect(frames, row).save(path)
     report("detections", 1.0)
     if share == WHOLE:
         DetectionIndex(
             detector=detector.name,
             indices=posed.indices[rows].tolist(),
+            displacement_only=posed.indices[others].tolist(),
             response=None if detector.response is None else detector.response.to_plain(),
         ).save(folder)
-    return f"{len(rows)} frames, {detector.name}"
+    more = f", the displacement alone of {len(others)}" if len(others) else ""
+    return f"{len(rows)} frames, {detector.name}{more}"
 
 
 def is_whole(path: Path) -> bool:
@@ -77,6 +88,16 @@ def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:
     return index.detector, index.indices, found
 
 
+def load_displacement_only(folder: Path) -> tuple[list[int], list[Detection]]:
+    """Frame indices and detections of the frames of which the displacement alone was measured.
+
+    Raises:
+        BadInputError: A file is missing or broken; named.
+    """
+    indices = DetectionIndex.load(folder).displacement_only
+    return indices, [Detection.load(folder / f"{i:06d}.npz") for i in indices]
+
+
 def load_response(folder: Path) -> Response | None:
     """What evidence the detector of `load_detections` gives a displacement; None if not stated.
 
@@ -96,10 +117,18 @@ def spread_rows(count: int, most: int, *, ends: int) -> IntArray:
 
 
 class DetectionIndex(BaseModel):
-    """What a folder of detections holds: its index.json."""
+    """What a folder of detections holds: its index.json.
+
+    Attributes:
+        detector: Its name.
+        indices: Of the frames that it measured.
+        displacement_only: Of others, of which the displacement alone was measured.
+        response: As of a `Detector`.
+    """
 
     detector: str
     indices: list[int]
+    displacement_only: list[int] = []
     response: dict[str, Any] | None = None
 
     def save(self, folder: Path) -> None:

@@ -206,18 +206,23 @@ class Run:
                 points_in_world=load_points(self.files.points),
                 weights=self.config.weights,
             )
-            target, most = RunFiles(folder).detections, amounts.detection_frames
+            target = RunFiles(folder).detections
+            most = {
+                "most": amounts.detection_frames,
+                "most_displacement_only": amounts.displacement_frames,
+            }
             if share is None:
                 return measure_side_by_side(
-                    plan.posed, make, target, most=most, jobs=self._jobs, report=self._report
+                    plan.posed, make, target, **most, jobs=self._jobs, report=self._report
                 )
             return detections.measure_frames(
-                plan.posed, make(), target, most=most, report=self._report, share=share
+                plan.posed, make(), target, **most, report=self._report, share=share
             )
 
         inputs: dict[str, Any] = {
             "detector": plan.detector.name,
             "frames": amounts.detection_frames,
+            "displacement_frames": amounts.displacement_frames,
             "neighbours": amounts.neighbours,
             "camera": plan.posed.camera.to_dict(),
         }

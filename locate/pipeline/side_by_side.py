@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from detect.detection import Detector
@@ -25,6 +26,7 @@ def measure_side_by_side(
     folder: Path,
     *,
     most: int,
+    most_displacement_only: int = 0,
     jobs: int,
     report: Report,
 ) -> str:
@@ -38,6 +40,7 @@ def measure_side_by_side(
         make: Makes the detector, in each process; sent by pickle.
         folder: Where to write.
         most: The most frames that are measured.
+        most_displacement_only: The most others of which the displacement alone is measured.
         jobs: The most processes.
         report: Takes the progress of this one's share.
 
@@ -47,7 +50,14 @@ def measure_side_by_side(
     frames = min(most, len(posed.names))
     count = max(1, min(jobs, frames // FEWEST_FRAMES, affordable_jobs(posed.full_size, jobs)))
     count = 1 if posed.trajectory is None else count
-    detector = make()
+    measure = partial(
+        measure_frames,
+        posed,
+        make(),
+        folder,
+        most=most,
+        most_displacement_only=most_displacement_only,
+    )
     if count > 1:
         with ExitStack() as others:
             waits = [
@@ -58,6 +68,7 @@ def measure_side_by_side(
                         make,
                         folder,
                         most,
+                        most_displacement_only,
                         (part, count),
                         name="measuring refraction",
                         report=silent,
@@ -65,11 +76,11 @@ def measure_side_by_side(
                 )
                 for part in range(1, count)
             ]
-            measure_frames(posed, detector, folder, most=most, report=report, share=(0, count))
+            measure(report=report, share=(0, count))
             for wait in waits:
                 wait()
         report = silent
-    return measure_frames(posed, detector, folder, most=most, report=report)
+    return measure(report=report)
 
 
 def affordable_jobs(full_size: tuple[int, int] | None, jobs: int) -> int:
@@ -85,9 +96,18 @@ def measure_share(
     make: MakeDetector,
     folder: Path,
     most: int,
+    most_displacement_only: int,
     share: tuple[int, int],
     *,
     progress: Report,
 ) -> None:
     """Measures every n-th frame from the k-th on, for a share (k, n)."""
-    measure_frames(posed, make(), folder, most=most, report=progress, share=share)
+    measure_frames(
+        posed,
+        make(),
+        folder,
+        most=most,
+        most_displacement_only=most_displacement_only,
+        report=progress,
+        share=share,
+    )

@@ -119,7 +119,7 @@ def strength_of_plume(score: TurnScore, plume: Plume, rng: np.random.Generator) 
     narrow = column_of(plume).widened(1 / RADIUS_WIDTHS)
     return ColumnStrength(
         sigmas=strongest_turn_near(score, narrow, rng),
-        nats_per_view=plume.evidence_nats / len(score.filters.views),
+        nats_per_view=plume.evidence_nats / len(score.filters.views.by_pixels),
     )
 
 
@@ -127,10 +127,10 @@ def strength_of_turn(
     score: TurnScore, column: PlumeColumn, rng: np.random.Generator
 ) -> ColumnStrength:
     """What a column shows about which the displacement turns."""
-    views = score.filters.views
-    pixel_nats = _most_evidence(views, column.widened(RADIUS_WIDTHS), rng)
+    pixels = score.filters.views.by_pixels
+    pixel_nats = _most_evidence(pixels, column.widened(RADIUS_WIDTHS), rng)
     return ColumnStrength(
-        sigmas=float(score.agreed(column.as_columns)[0]), nats_per_view=pixel_nats / len(views)
+        sigmas=float(score.agreed(column.as_columns)[0]), nats_per_view=pixel_nats / len(pixels)
     )
 
 
@@ -151,12 +151,12 @@ def _measure_turn(score: TurnScore, narrow: PlumeColumn, rng: np.random.Generato
         # The evidence of pixels lies elsewhere: what they say for the turn counts alone.
         filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
         measured = _on_turn(*(find_axis(filled, column, rng) or measured), turn)
-    elif np.mean(~views.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
+    elif np.mean(~views.by_pixels.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
         measured = _on_turn(*measured, turn)
     plume = measure_plume(filled, *measured, 1 - strength.probability)
     return replace(
         plume,
-        evidence_nats=strength.nats_per_view * len(views) + turn.sigmas**2 / 2,
+        evidence_nats=strength.nats_per_view * len(views.by_pixels) + turn.sigmas**2 / 2,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
 
