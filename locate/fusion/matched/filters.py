@@ -33,6 +33,8 @@ LEAST_KNOWN = 0.05
 """Of the information that the best tenth of a view holds: less counts as none; chosen by hand."""
 MOST_SIGMAS = 3.0
 """No side of any place counts for more: an edge with a wrong depth is no plume; chosen by hand."""
+SOME_ROWS = 80
+"""About so many rows of a view, and as many columns of each, show how its sigmas scatter."""
 SIDES = 2
 
 
@@ -212,12 +214,13 @@ def _filter_side(
     """(h, w) sigmas of one side in units of their scatter over the view, and sigmas per px."""
     score = cv2.filter2D(across, -1, kernel, borderType=cv2.BORDER_CONSTANT)
     variance = cv2.filter2D(precision, -1, kernel * kernel, borderType=cv2.BORDER_CONSTANT)
-    known = variance > LEAST_KNOWN * max(float(np.percentile(variance, 90)), 1e-9)
-    root = np.sqrt(np.maximum(variance, 1e-9))
-    sigmas = np.where(known, score / root, 0)
-    scatter = scatter_of(sigmas[known])
+    some = (slice(None, None, max(1, round(len(score) / SOME_ROWS))),) * 2
+    known = variance > LEAST_KNOWN * max(float(np.percentile(variance[some], 90)), 1e-9)
+    root = np.sqrt(np.maximum(variance, np.float32(1e-9)))
+    sigmas = score / root * known
+    scatter = np.float32(scatter_of(sigmas[some][known[some]]))
     clipped = (sigmas / scatter).clip(-MOST_SIGMAS, MOST_SIGMAS)
-    return clipped, np.where(known, root / scatter, 0)
+    return clipped, root / scatter * known
 
 
 def scatter_of(values: FloatArray | FloatMap, fewest: int = 30) -> float:
