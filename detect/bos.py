@@ -47,8 +47,6 @@ class BosDetector:
         self._reference_frames = reference_frames
         self._median: tuple[Sequence[GreyImage], GreyImage] | None = None
 
-    displacement_only = None
-
     @property
     def uses_other_frames(self) -> bool:
         """Whether the reference is taken from the frames."""

@@ -135,11 +135,6 @@ class Detector(Protocol):
         """Whether frames that are not measured themselves serve those that are."""
         ...
 
-    @property
-    def displacement_only(self) -> "Detector | None":
-        """One that measures the displacement alone, at a part of the cost; None: there is none."""
-        ...
-
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`; other frames may serve as neighbours or reference."""
         ...

@@ -32,7 +32,6 @@ class FusedDetector:
     ) -> None:
         self.name = f"{first.name}{SEPARATOR}{second.name}"
         self.response = first.response
-        self.displacement_only = first.displacement_only
         self.uses_other_frames = first.uses_other_frames or second.uses_other_frames
         self._first, self._second = first, second
         self._shared = shared

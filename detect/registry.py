@@ -15,7 +15,9 @@ from detect.kinds import (
     DetectorKind,
     PlumeReliability,
 )
+from detect.registered import DisplacementOnlyDetector
 from geometry.arrays import FloatArray, GreyImage
+from geometry.errors import BadInputError
 
 KINDS = {kind.name: kind for kind in (REGISTERED, REGISTERED_PLAIN, BOS, DYBS)}
 
@@ -53,6 +55,11 @@ class DetectorChoice:
     def reliability(self) -> PlumeReliability | None:
         """Caps the probability of plumes, where it is known."""
         return self.parts[0].reliability
+
+    @property
+    def tells_displacement(self) -> bool:
+        """Whether its detections tell what all pixels together show of the displacement."""
+        return self.parts[0] in (REGISTERED, REGISTERED_PLAIN)
 
     @property
     def takes_weights(self) -> bool:
@@ -109,6 +116,24 @@ class DetectorChoice:
 
     def _weights_given(self, weights: Path | None) -> list[tuple[DetectorKind, Path | None]]:
         return [(part, weights if part is self.parts[-1] else None) for part in self.parts]
+
+
+def make_displacement_only(
+    name: str, *, neighbours: int = 8, points_in_world: FloatArray | None = None
+) -> Detector:
+    """What measures the displacement alone, for more frames than the detector of that name does.
+
+    Args:
+        name: Of a detector whose `DetectorChoice.tells_displacement` holds.
+        neighbours: As of `make_detector`.
+        points_in_world: As of `make_detector`.
+
+    Raises:
+        BadInputError: That detector gives no information on the displacement.
+    """
+    if not DetectorChoice.parse(name).tells_displacement:
+        raise BadInputError(f"{name} measures no displacement that adds up over frames")
+    return DisplacementOnlyDetector(neighbours=neighbours, points_in_world=points_in_world)
 
 
 def make_detector(

@@ -43,7 +43,6 @@ class DybsDetector:
     name = "dybs"
     response: Response | None = None
     uses_other_frames = False
-    displacement_only = None
 
     def __init__(self, weights: str | Path) -> None:
         self.estimator = SingleFrameEstimator(Path(weights))

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from detect.detection import Detection, Detector, Frames
+from detect.detection import Detection, Frames
 from detect.evidence import displacement_evidence, null_scale
-from detect.registered.displacement_only import NEIGHBOURS, DisplacementOnlyDetector
 from detect.registered.evidence_network import EvidenceNetwork
 from detect.registered.exposure import brighten, brighten_full_size, gain_towards
 from detect.registered.features import stack_features
@@ -62,13 +61,6 @@ class RegisteredDetector:
         self._calibration = None if self._network is None else self._network.read_calibration()
         self.response = None if self._network is None else self._network.read_response()
         self.name = "registered-plain" if self._network is None else "registered"
-
-    @property
-    def displacement_only(self) -> Detector:
-        """One that measures the displacement alone, of more frames for the same cost."""
-        few = min(self._count, NEIGHBOURS)
-        plain = RegisteredDetector(neighbours=few, points_in_world=self._points_in_world)
-        return DisplacementOnlyDetector(plain.measure)
 
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`; what looks like an error of its pose is taken out of w.

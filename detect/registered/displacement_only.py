@@ -7,17 +7,16 @@ from typing import Generic, TypeVar, overload
 import cv2
 import numpy as np
 
-from detect.detection import Detection, Detector, Frames
+from detect.detection import Detection, Frames
 from detect.information import MAP_WIDTH_PX
-from detect.registered.registration import Measurement
+from detect.registered.detector import RegisteredDetector
 from detect.response import Response
-from geometry.arrays import FloatMap, GreyImage
+from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.trajectory import Trajectory
 
 NEIGHBOURS = 6
 """With so many others a frame is compared: with 4 the turn of a plume had up to 40 % fewer sigmas,
 with 8 it costs a third more (docs/weak_plumes.md)."""
-Measure = Callable[[Frames, int], tuple[Measurement, float] | None]
 Image = TypeVar("Image", GreyImage, FloatMap)
 
 
@@ -28,16 +27,20 @@ class DisplacementOnlyDetector:
     is of all pixels. Nothing evaluates it pixel by pixel: llr is 0 and sigma inf.
 
     Args:
-        measure: The measurement of a frame and the unit of its inverse depth, 1 / world unit.
+        neighbours: As of `RegisteredDetector`, but at most `NEIGHBOURS`.
+        points_in_world: As of `RegisteredDetector`.
     """
 
     name = "displacement-only"
     response: Response | None = None
     uses_other_frames = True
-    displacement_only: Detector | None = None
 
-    def __init__(self, measure: Measure) -> None:
-        self._measure = measure
+    def __init__(
+        self, *, neighbours: int = NEIGHBOURS, points_in_world: FloatArray | None = None
+    ) -> None:
+        self._registered = RegisteredDetector(
+            neighbours=min(neighbours, NEIGHBOURS), points_in_world=points_in_world
+        )
 
     def detect(self, frames: Frames, index: int) -> Detection:
         """Measures frame `index`, on maps of half its size; raises as `RegisteredDetector`."""
@@ -47,7 +50,7 @@ class DisplacementOnlyDetector:
             frames, px = halve_frames(frames, frames.trajectory), 2.0
             height, width = frames.images[index].shape
         nothing = Detection.without_evidence((height, width), depth=True)
-        measured = self._measure(frames, index)
+        measured = self._registered.measure(frames, index)
         if measured is None:
             return nothing
         measurement, unit = measured

@@ -211,7 +211,8 @@ def run(
         int | None,
         typer.Option(
             min=0,
-            help="Of how many others the displacement alone is measured; it shows weak plumes.",
+            help="Of how many others the displacement alone is measured, where the answer is "
+            "unsure; with --effort thorough always.",
             show_default=_by_effort("displacement_frames"),
             rich_help_panel=MEASUREMENT,
         ),

@@ -14,6 +14,9 @@ from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 
+UNSURE = (0.2, 0.99)
+"""Probability of a column between which more frames may change whether it is a plume, or where.
+Of 70 recordings without a plume 19 have such a column, of 140 with one 93 (docs/weak_plumes.md)."""
 FUSION_SHARE = 0.6
 """Share of the time that fusing the evidence of pixels takes, for the progress."""
 
@@ -31,6 +34,7 @@ class FoundPlumes:
         threshold_nats: What a column needs of that evidence.
         limit_px: The detection limit, px of the original frames; None where nothing would have
             been seen.
+        rejected: Probability of the likeliest column that is not reported, 0 without one.
     """
 
     plumes: tuple[Plume, ...]
@@ -40,6 +44,16 @@ class FoundPlumes:
     grid: EvidenceGrid | None
     threshold_nats: float
     limit_px: float | None
+    rejected: float = 0.0
+
+    @property
+    def is_unsure(self) -> bool:
+        """Whether the displacement of more frames may change what is found, or where."""
+        if self.turns is None:
+            return False
+        weakest = min((plume.probability for plume in self.plumes), default=self.rejected)
+        low, high = UNSURE
+        return low <= weakest < high or (self.limit_px is None and not self.plumes)
 
 
 def find_plumes(
@@ -71,10 +85,14 @@ def find_plumes(
     rng = np.random.default_rng(seed)
     turns = None if fused.grid is None else TurnSearch.of_views(views, fused.grid, rng)
     if turns is None:
-        plumes = confirmed = [cap_probability(each, detector, len(pixels)) for each in fused.plumes]
+        plumes = [cap_probability(each, detector, len(pixels)) for each in fused.plumes]
+        unconfirmed, rejected = 0, 0.0
     else:
         confirmed = turns.confirm(fused.plumes, rng)
-        plumes = confirmed + turns.find_plumes(confirmed, rng)
+        others = turns.find_plumes(confirmed.plumes, rng)
+        plumes = confirmed.plumes + others.plumes
+        unconfirmed = len(fused.plumes) - len(confirmed.plumes)
+        rejected = max(confirmed.rejected, others.rejected)
     # 3. What would have been seen.
     limit_px = None
     if fused.grid is not None:
@@ -85,11 +103,12 @@ def find_plumes(
     return FoundPlumes(
         plumes=number_plumes(plumes),
         by_pixels=fused.plumes,
-        unconfirmed=len(fused.plumes) - len(confirmed),
+        unconfirmed=unconfirmed,
         turns=turns,
         grid=fused.grid,
         threshold_nats=fused.threshold_nats,
         limit_px=limit_px,
+        rejected=rejected,
     )
 
 

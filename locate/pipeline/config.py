@@ -50,7 +50,8 @@ class RunConfig(BaseModel):
         max_side: Frames larger than this (px) are shrunk to it; poses, and the evidence of single
             pixels, are of frames of at most 1280 px.
         detection_frames: In how many of them refraction is measured.
-        displacement_frames: Of how many others the displacement alone is measured.
+        displacement_frames: Of how many others the displacement alone is measured where the answer
+            is unsure, or always where the effort is thorough.
         neighbours: With how many others each frame is compared.
         overlay: Write overlay.mp4, the frames in a row with what was found; for recordings up to a
             minute if left out.

@@ -1,7 +1,8 @@
 """The stage that decides: evidence of all frames in, the map out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from detect.detection import Detection
@@ -12,27 +13,26 @@ from geometry.printable import printable
 from geometry.refraction import temperature_rise_k
 from geometry.trajectory import Trajectory
 from locate import __version__
-from locate.fusion.find import find_plumes
+from locate.fusion.find import FoundPlumes, find_plumes
 from locate.fusion.limit import RADIUS_UNITS
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
 from locate.journal.progress import Report, silent
 from locate.map.answer import Answer, Cause, Obstacle
 from locate.map.plume import PlumeMap
-from locate.pipeline.detections import (
-    load_detections,
-    load_displacement_only,
-    load_response,
-)
+from locate.pipeline.detections import load_detections, load_response
 from locate.pipeline.evidence import save_evidence
 from locate.pipeline.files import RunFiles
 from locate.pipeline.map_notes import ONE_VIEWPOINT, map_notes
+from locate.pipeline.more_frames import MoreFrames
 from locate.pipeline.obstacles import measured_obstacles
 from locate.pipeline.placement import Placement
 from locate.recording.posed_frames import PosedFrames
 
 PLUME_RANGE_SHARE = 0.7
 """Range of a usual plume, in ranges of the median background; chosen by hand."""
+FIRST_SHARE, SECOND_SHARE = 0.3, 0.6
+"""Shares of fusion's time before more frames are measured, and after, for the progress."""
 HOTTEST_RISE_K = 2000.0
 """About what a flame reaches; a limit above that is none."""
 
@@ -45,6 +45,7 @@ def write_map(
     seed: int,
     notes: Sequence[str],
     foreseen: Sequence[Obstacle] = (),
+    more: MoreFrames | None = None,
     report: Report,
 ) -> str:
     """Writes the map of a run and the evidence it rests on; returns a summary.
@@ -56,6 +57,7 @@ def write_map(
         seed: Of every random choice.
         notes: What else a reader of the map should know.
         foreseen: Obstacles that the frames themselves show.
+        more: Measures more frames where the answer is unsure.
         report: Takes the progress.
     """
     plume_map = fuse_detections(
@@ -63,6 +65,7 @@ def write_map(
         posed,
         target.evidence,
         seed=seed,
+        more=more,
         coarse_coding=any(each.cause is Cause.COARSE_CODING for each in foreseen),
         report=report,
     )
@@ -85,6 +88,7 @@ def fuse_detections(
     *,
     seed: int,
     coarse_coding: bool = False,
+    more: MoreFrames | None = None,
     report: Report = silent,
 ) -> PlumeMap:
     """Fuses the detections; writes the summed evidence where there is any.
@@ -95,6 +99,7 @@ def fuse_detections(
         evidence: The .npz to write; a camera at rest has none.
         seed: Of every random choice.
         coarse_coding: The video has few bits a pixel.
+        more: Measures more frames where the answer is unsure.
         report: Takes the progress.
     """
     stored_name, indices, measured = load_detections(detections)
@@ -107,16 +112,16 @@ def fuse_detections(
         )
         report("fusion", 1.0)
         return plume_map
-    others, displacements = load_displacement_only(detections)
-    views = Views.from_detections(
-        measured, trajectory.take(posed.rows_of([*indices, *others])), displacements
-    )
-    found = find_plumes(
-        views,
-        detector,
-        response=load_response(detections),
-        seed=seed,
-        progress=lambda share: report("fusion", share),
+    find = partial(find_plumes, detector=detector, response=load_response(detections), seed=seed)
+    views, found = _find_in_frames(
+        posed,
+        trajectory,
+        indices,
+        measured,
+        find=find,
+        more=more,
+        folder=evidence.parent,
+        report=report,
     )
     if found.grid is not None:
         save_evidence(found.grid, found.threshold_nats, evidence)
@@ -133,6 +138,38 @@ def fuse_detections(
         obstacles=obstacles,
         notes=map_notes(measured, detector, trajectory, found, obstacles),
     )
+
+
+def _find_in_frames(
+    posed: PosedFrames,
+    trajectory: Trajectory,
+    indices: list[int],
+    measured: Sequence[Detection],
+    *,
+    find: Callable[..., FoundPlumes],
+    more: MoreFrames | None,
+    folder: Path,
+    report: Report,
+) -> tuple[Views, FoundPlumes]:
+    """What the measured frames show; where that is unsure, with the displacement of more frames.
+
+    Returns:
+        The views, and what they show.
+    """
+
+    def part(low: float, high: float) -> Callable[[float], None]:
+        return lambda share: report("fusion", low + share * (high - low))
+
+    if more is None or not more.always:
+        views = Views.from_detections(measured, trajectory.take(posed.rows_of(indices)))
+        found = find(views, progress=part(0.0, 1.0 if more is None else FIRST_SHARE))
+        if more is None or not found.is_unsure:
+            report("fusion", 1.0)
+            return views, found
+    others, displacements = more.measure(posed, indices, folder, part(FIRST_SHARE, SECOND_SHARE))
+    rows = posed.rows_of([*indices, *others])
+    views = Views.from_detections(measured, trajectory.take(rows), displacements)
+    return views, find(views, progress=part(SECOND_SHARE, 1.0))
 
 
 def map_bearings(

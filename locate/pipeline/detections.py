@@ -1,5 +1,6 @@
 """The stage that measures: refraction in some of the frames, one file a frame."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -28,42 +29,35 @@ def measure_frames(
     folder: Path,
     *,
     most: int,
-    most_displacement_only: int = 0,
+    skip: Sequence[int] = (),
     report: Report,
     share: tuple[int, int] = WHOLE,
 ) -> str:
     """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
 
-    Of at most `most_displacement_only` others the displacement alone is measured, if the detector
-    can. Frames that already have their file are left alone, unless it is damaged. Of a share
-    (k, n), every n-th frame from the k-th is done, and no index written.
+    The frames whose indices are in `skip` are not measured, and those that have their file already
+    are left alone, unless it is damaged. Of a share (k, n), every n-th frame from the k-th is done,
+    and no index written.
     """
     folder.mkdir(exist_ok=True)
     frames = posed.undistorted()
-    ends = 0 if posed.trajectory is None else ENDS
-    rows = spread_rows(len(frames), most, ends=ends)
-    work = [(detector, row) for row in rows.tolist()]
-    others = np.empty(0, np.int64)
-    if most_displacement_only and detector.displacement_only is not None:
-        rest = np.setdiff1d(np.arange(ends, len(frames) - ends), rows)
-        others = rest[spread_rows(len(rest), most_displacement_only, ends=0)]
-        work += [(detector.displacement_only, row) for row in others.tolist()]
-    share_work = work[share[0] :: share[1]]
-    for done, (measuring, row) in enumerate(share_work):
-        report("detections", done / len(share_work))
+    rows = spread_rows(
+        len(frames), most, ends=0 if posed.trajectory is None else ENDS, skip=posed.rows_of(skip)
+    )
+    share_rows = rows[share[0] :: share[1]]
+    for done, row in enumerate(share_rows):
+        report("detections", done / len(share_rows))
         path = folder / f"{posed.indices[row]:06d}.npz"
         if not is_whole(path):
-            measuring.detect(frames, row).save(path)
+            detector.detect(frames, int(row)).save(path)
     report("detections", 1.0)
     if share == WHOLE:
         DetectionIndex(
             detector=detector.name,
             indices=posed.indices[rows].tolist(),
-            displacement_only=posed.indices[others].tolist(),
             response=None if detector.response is None else detector.response.to_plain(),
         ).save(folder)
-    more = f", the displacement alone of {len(others)}" if len(others) else ""
-    return f"{len(rows)} frames, {detector.name}{more}"
+    return f"{len(rows)} frames, {detector.name}"
 
 
 def is_whole(path: Path) -> bool:
@@ -88,16 +82,6 @@ def load_detections(folder: Path) -> tuple[str, list[int], list[Detection]]:
     return index.detector, index.indices, found
 
 
-def load_displacement_only(folder: Path) -> tuple[list[int], list[Detection]]:
-    """Frame indices and detections of the frames of which the displacement alone was measured.
-
-    Raises:
-        BadInputError: A file is missing or broken; named.
-    """
-    indices = DetectionIndex.load(folder).displacement_only
-    return indices, [Detection.load(folder / f"{i:06d}.npz") for i in indices]
-
-
 def load_response(folder: Path) -> Response | None:
     """What evidence the detector of `load_detections` gives a displacement; None if not stated.
 
@@ -108,27 +92,28 @@ def load_response(folder: Path) -> Response | None:
     return None if stated is None else Response.from_plain(stated, str(folder / INDEX))
 
 
-def spread_rows(count: int, most: int, *, ends: int) -> IntArray:
-    """At most `most` of `count` rows, evenly, without the `ends` that lack neighbours."""
+def spread_rows(
+    count: int, most: int, *, ends: int, skip: Sequence[int] | IntArray = ()
+) -> IntArray:
+    """At most `most` of `count` rows, evenly, without the `ends` that lack neighbours.
+
+    Args:
+        count: Of all rows.
+        most: Of those chosen.
+        ends: Rows at either end that are left out, as long as one is left between them.
+        skip: Others that are left out.
+    """
     ends = min(ends, (count - 1) // 2)
-    usable = count - 2 * ends
-    chosen = np.linspace(ends, count - 1 - ends, min(most, usable))
-    return np.rint(chosen).astype(np.int64)
+    usable = np.setdiff1d(np.arange(ends, count - ends), np.asarray(skip, dtype=np.int64))
+    chosen = np.linspace(0, len(usable) - 1, min(most, len(usable)))
+    return np.asarray(usable[np.rint(chosen).astype(np.int64)])
 
 
 class DetectionIndex(BaseModel):
-    """What a folder of detections holds: its index.json.
-
-    Attributes:
-        detector: Its name.
-        indices: Of the frames that it measured.
-        displacement_only: Of others, of which the displacement alone was measured.
-        response: As of a `Detector`.
-    """
+    """What a folder of detections holds: its index.json."""
 
     detector: str
     indices: list[int]
-    displacement_only: list[int] = []
     response: dict[str, Any] | None = None
 
     def save(self, folder: Path) -> None:

@@ -19,6 +19,7 @@ from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
 from locate.pipeline.left_out import left_out_notes
 from locate.pipeline.map_notes import full_size_notes
+from locate.pipeline.more_frames import MoreFrames
 from locate.pipeline.obstacles import foreseen_obstacles
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
@@ -206,23 +207,18 @@ class Run:
                 points_in_world=load_points(self.files.points),
                 weights=self.config.weights,
             )
-            target = RunFiles(folder).detections
-            most = {
-                "most": amounts.detection_frames,
-                "most_displacement_only": amounts.displacement_frames,
-            }
+            target, most = RunFiles(folder).detections, amounts.detection_frames
             if share is None:
                 return measure_side_by_side(
-                    plan.posed, make, target, **most, jobs=self._jobs, report=self._report
+                    plan.posed, make, target, most=most, jobs=self._jobs, report=self._report
                 )
             return detections.measure_frames(
-                plan.posed, make(), target, **most, report=self._report, share=share
+                plan.posed, make(), target, most=most, report=self._report, share=share
             )
 
         inputs: dict[str, Any] = {
             "detector": plan.detector.name,
             "frames": amounts.detection_frames,
-            "displacement_frames": amounts.displacement_frames,
             "neighbours": amounts.neighbours,
             "camera": plan.posed.camera.to_dict(),
         }
@@ -235,6 +231,7 @@ class Run:
 
     def _fuse(self, plan: MeasurementPlan) -> None:
         at_rest = plan.posed.trajectory is None
+        more = None if at_rest else self._more_frames(plan)
         notes = (
             *self.source.focal_notes(plan.key_frames, at_rest=at_rest),
             *full_size_notes(plan.key_frames),
@@ -247,8 +244,9 @@ class Run:
                 "seed": self.config.seed,
                 "notes": notes,
                 "clutter_nats": plan.detector.clutter_nats,
+                "more_frames": None if more is None else (more.most, more.always),
             },
-            code=(decide,),
+            code=(decide, registry),
             build=lambda folder: decide.write_map(
                 self.files,
                 RunFiles(folder),
@@ -256,8 +254,26 @@ class Run:
                 seed=self.config.seed,
                 notes=(*notes, *plan.key_frames.warnings),
                 foreseen=foreseen_obstacles(plan.key_frames),
+                more=more,
                 report=self._report,
             ),
+        )
+
+    def _more_frames(self, plan: MeasurementPlan) -> MoreFrames | None:
+        """How more frames are measured where the answer is unsure; None where none are."""
+        amounts = self.config.amounts
+        if not amounts.displacement_frames or not plan.detector.tells_displacement:
+            return None
+        return MoreFrames(
+            make=partial(
+                registry.make_displacement_only,
+                plan.detector.name,
+                neighbours=amounts.neighbours,
+                points_in_world=load_points(self.files.points),
+            ),
+            most=amounts.displacement_frames,
+            always=self.config.effort == "thorough",
+            jobs=self._jobs,
         )
 
     def _publish(self, plan: MeasurementPlan) -> None:

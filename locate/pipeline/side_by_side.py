@@ -1,6 +1,6 @@
 """The stage that measures, by several processes at the same time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ def measure_side_by_side(
     folder: Path,
     *,
     most: int,
-    most_displacement_only: int = 0,
+    skip: Sequence[int] = (),
     jobs: int,
     report: Report,
 ) -> str:
@@ -40,7 +40,7 @@ def measure_side_by_side(
         make: Makes the detector, in each process; sent by pickle.
         folder: Where to write.
         most: The most frames that are measured.
-        most_displacement_only: The most others of which the displacement alone is measured.
+        skip: Indices of frames that are not.
         jobs: The most processes.
         report: Takes the progress of this one's share.
 
@@ -50,14 +50,7 @@ def measure_side_by_side(
     frames = min(most, len(posed.names))
     count = max(1, min(jobs, frames // FEWEST_FRAMES, affordable_jobs(posed.full_size, jobs)))
     count = 1 if posed.trajectory is None else count
-    measure = partial(
-        measure_frames,
-        posed,
-        make(),
-        folder,
-        most=most,
-        most_displacement_only=most_displacement_only,
-    )
+    measure = partial(measure_frames, posed, make(), folder, most=most, skip=skip)
     if count > 1:
         with ExitStack() as others:
             waits = [
@@ -68,7 +61,7 @@ def measure_side_by_side(
                         make,
                         folder,
                         most,
-                        most_displacement_only,
+                        skip,
                         (part, count),
                         name="measuring refraction",
                         report=silent,
@@ -96,18 +89,10 @@ def measure_share(
     make: MakeDetector,
     folder: Path,
     most: int,
-    most_displacement_only: int,
+    skip: Sequence[int],
     share: tuple[int, int],
     *,
     progress: Report,
 ) -> None:
     """Measures every n-th frame from the k-th on, for a share (k, n)."""
-    measure_frames(
-        posed,
-        make(),
-        folder,
-        most=most,
-        most_displacement_only=most_displacement_only,
-        report=progress,
-        share=share,
-    )
+    measure_frames(posed, make(), folder, most=most, skip=skip, report=progress, share=share)

@@ -9,6 +9,7 @@ import numpy as np
 
 from detect.flow import dis_matcher
 from locate.pipeline.config import RunConfig
+from locate.pipeline.detections import ENDS
 from locate.pipeline.effort import Amounts
 from locate.recording import Recording
 
@@ -20,6 +21,8 @@ FULL_SIZE_S = 5.0
 """What the sample would take if all its pixels were measured at full size once more, CPU s."""
 COMPARED_SHARE = 0.7
 """Of the time of detections, what grows with the neighbours."""
+DISPLACEMENT_SHARE = 0.4
+"""What the displacement of a frame takes, of what measuring all of it takes."""
 SIFT_FACTOR = 2.2
 """Of the time of poses, where frames are tied by SIFT, as photos mostly are (docs/accuracy.md)."""
 FEATURES_SHARE = 0.2
@@ -42,16 +45,18 @@ class RunTime:
         poses_s: Structure from motion; nothing of it where poses are given.
         detections_s: Measuring refraction.
         rest_s: Fusion and report.
+        more_s: Measuring the displacement of more frames and fusing again.
     """
 
     frames_s: float
     poses_s: float
     detections_s: float
     rest_s: float
+    more_s: float
 
     @property
     def total_s(self) -> float:
-        """Of all stages."""
+        """Of all stages where no more frames are measured."""
         return self.frames_s + self.poses_s + self.detections_s + self.rest_s
 
 
@@ -62,9 +67,13 @@ def describe_run(config: RunConfig, recording: Recording) -> str:
         BadInputError: The frames cannot be read.
     """
     took = estimate_run_time(recording, config.amounts)
+    always = config.effort == "thorough"
+    total_s = took.total_s + (took.more_s if always else 0.0)
+    if_unsure = f", {duration_text(took.more_s)} more if the answer is unsure"
     return (
         f"Effort {config.effort}: {config.amounts.describe()}; "
-        f"about {duration_text(took.total_s)} of processor time."
+        f"about {duration_text(total_s)} of processor time"
+        f"{if_unsure if took.more_s and not always else ''}."
     )
 
 
@@ -86,6 +95,7 @@ def estimate_run_time(recording: Recording, amounts: Amounts) -> RunTime:
     count = recording.expected_frames or amounts.max_frames
     kept = min(count, amounts.max_frames)
     measured = min(kept, amounts.detection_frames)
+    more = min(max(0, kept - measured - 2 * ENDS), amounts.displacement_frames)
     pixels = recording.width * recording.height / SAMPLE_PIXELS
     full_pixels = recording.full_width * recording.full_height / SAMPLE_PIXELS
     compared = amounts.neighbours / SAMPLE_NEIGHBOURS
@@ -100,6 +110,9 @@ def estimate_run_time(recording: Recording, amounts: Amounts) -> RunTime:
         * (measured / SAMPLE_MEASURED)
         * (DETECTIONS_S * pixels * (COMPARED_SHARE * compared + 1 - COMPARED_SHARE) + full_s),
         rest_s=speed * (FUSION_S * measured / SAMPLE_MEASURED + REPORT_S),
+        more_s=speed
+        * (more / SAMPLE_MEASURED)
+        * (DISPLACEMENT_SHARE * (DETECTIONS_S * pixels + full_s) + FUSION_S),
     )
 
 

@@ -131,7 +131,6 @@ class DetectorWorker:
     """
 
     uses_other_frames = True
-    displacement_only = None
 
     def __init__(self, like: Detector, neighbours: int) -> None:
         self.name, self.response = like.name, like.response

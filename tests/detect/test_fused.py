@@ -73,7 +73,6 @@ def test_sigma_of_the_mean_is_that_of_correlated_errors(shared: float) -> None:
 
 class Says:
     uses_other_frames = False
-    displacement_only = None
 
     def __init__(self, name: str, llr: float) -> None:
         self.name, self._llr = name, llr

@@ -36,7 +36,6 @@ class Blob:
     name = "blob"
     response: Response | None = None
     uses_other_frames = False
-    displacement_only = None
 
     def detect(self, frames: Frames, index: int) -> Detection:
         shape = frames.images[index].shape

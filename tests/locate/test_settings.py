@@ -96,7 +96,7 @@ def test_effort_decides_what_is_not_given(tmp_path: Path, started: list[RunConfi
     RunFolder(tmp_path / "out").save_config(FULL.to_plain())
     written = tmp_path / "out" / "config.yaml"
     typed("--config", written, "--effort", "quick", "-o", tmp_path / "again")
-    assert started[0].amounts == replace(thorough, detection_frames=10)
+    assert started[0].amounts == replace(thorough, detection_frames=10, displacement_frames=0)
     assert RunConfig(recording=Path("film.mp4")).amounts == EFFORTS["usual"]
 
 

@@ -25,7 +25,6 @@ class MarkingDetector:
     name = "marking"
     response = None
     uses_other_frames = True
-    displacement_only = None
 
     def __init__(self, broken: int | None = None) -> None:
         self.broken = broken

@@ -69,7 +69,7 @@ def search(truth: ColumnTruth) -> TurnSearch:
 @pytest.fixture(scope="module")
 def plume(search: TurnSearch) -> Plume:
     """The only one there."""
-    (plume,) = search.find_plumes([], np.random.default_rng(1))
+    (plume,) = search.find_plumes([], np.random.default_rng(1)).plumes
     return plume
 
 
@@ -146,7 +146,7 @@ def test_what_a_few_views_show_is_not_what_the_views_agree_on(
 
 def test_the_evidence_of_pixels_needs_a_turn(search: TurnSearch, plume: Plume) -> None:
     elsewhere = replace(plume, source=plume.source + np.array([2.0, 0, 0]), evidence_nats=1e4)
-    kept = search.confirm([elsewhere, plume], np.random.default_rng(1))
+    kept = search.confirm([elsewhere, plume], np.random.default_rng(1)).plumes
     assert [each.source.tolist() for each in kept] == [plume.source.tolist()]
 
 
@@ -158,7 +158,7 @@ def test_a_plume_without_evidence_of_pixels_is_measured(truth: ColumnTruth, plum
 
 
 def test_a_known_plume_is_not_found_again(search: TurnSearch, plume: Plume) -> None:
-    assert search.find_plumes([plume], np.random.default_rng(1)) == []
+    assert search.find_plumes([plume], np.random.default_rng(1)).plumes == []
 
 
 def test_what_a_plume_explains_supports_no_other(

@@ -43,6 +43,19 @@ single views place it worse then. Set on six places of one recording (docs/weak_
 
 
 @dataclass(frozen=True, kw_only=True)
+class Decision:
+    """Which columns are plumes, and how near the others came.
+
+    Attributes:
+        plumes: That are reported.
+        rejected: Probability of the likeliest column that is not, 0 without one.
+    """
+
+    plumes: list[Plume]
+    rejected: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class TurnSearch:
     """The displacement of all views, ready to be searched for turns.
 
@@ -62,27 +75,29 @@ class TurnSearch:
             return None
         return cls(score=TurnScore.calibrated(TurnFilters(views), places, rng), grid=grid)
 
-    def confirm(self, plumes: Sequence[Plume], rng: np.random.Generator) -> list[Plume]:
+    def confirm(self, plumes: Sequence[Plume], rng: np.random.Generator) -> Decision:
         """Those of the plumes about which the displacement turns too, by their evidence.
 
         Args:
             plumes: Found by the evidence of pixels.
             rng: Of the searches.
         """
-        score, kept = self.score, list[Plume]()
+        score, kept, rejected = self.score, list[Plume](), 0.0
         for plume in sorted(plumes, key=lambda each: -each.evidence_nats):
             sure = strength_of_plume(score, plume, rng).probability
             if sure >= LEAST_PROBABILITY:
                 kept.append(replace(plume, probability=min(plume.probability, sure)))
                 # What another plume explains must not support this one.
                 score = score.without(column_of(plume))
-        return kept
+            else:
+                rejected = max(rejected, sure)
+        return Decision(plumes=kept, rejected=rejected)
 
     def find_turns(self, rng: np.random.Generator) -> list[Turn]:
         """The distinct columns about which the displacement turns, the surest first."""
         return find_turns(self.score, propose_turns(self.score.filters, self.grid), rng)
 
-    def find_plumes(self, known: Sequence[Plume], rng: np.random.Generator) -> list[Plume]:
+    def find_plumes(self, known: Sequence[Plume], rng: np.random.Generator) -> Decision:
         """The plumes that are not known yet, the surest first.
 
         Args:
@@ -92,15 +107,19 @@ class TurnSearch:
         unit = self.score.filters.views.unit
         # What another plume explains must not support this one.
         score = reduce(TurnScore.without, map(column_of, known), self.score)
-        found: list[Plume] = []
+        found, rejected = list[Plume](), 0.0
         for turn in self.find_turns(rng):
             if abs(turn.sigmas) < LEAST_SIGMAS:
                 break
-            plume = _measure_turn(score, turn.column, rng)
+            strength = strength_of_turn(score, turn.column, rng)
+            if strength.probability < LEAST_PROBABILITY:
+                rejected = max(rejected, strength.probability)
+                continue
+            plume = _measure_turn(score, turn.column, strength, rng)
             if plume is not None and not _is_near(plume, [*known, *found], unit):
                 found.append(plume)
                 score = score.without(turn.column.widened(RADIUS_WIDTHS))
-        return found
+        return Decision(plumes=found, rejected=rejected)
 
 
 def column_of(plume: Plume) -> PlumeColumn:
@@ -134,11 +153,10 @@ def strength_of_turn(
     )
 
 
-def _measure_turn(score: TurnScore, narrow: PlumeColumn, rng: np.random.Generator) -> Plume | None:
-    """The plume about whose axis the displacement turns; None where there is none."""
-    strength = strength_of_turn(score, narrow, rng)
-    if strength.probability < LEAST_PROBABILITY:
-        return None
+def _measure_turn(
+    score: TurnScore, narrow: PlumeColumn, strength: ColumnStrength, rng: np.random.Generator
+) -> Plume | None:
+    """The plume about whose axis the displacement turns; None where no axis can be measured."""
     views, column = score.filters.views, narrow.widened(RADIUS_WIDTHS)
     turn = Turn(narrow, float(score(narrow.as_columns)[0]))
     filled = with_turn_evidence(views, turn)
