@@ -136,7 +136,9 @@ def fuse_detections(
         detection_limit_px=found.limit_px,
         detection_limit_k=_limit_k(found.limit_px, views, trajectory),
         obstacles=obstacles,
-        notes=map_notes(measured, detector, trajectory, found, obstacles),
+        notes=map_notes(
+            measured, detector, trajectory, found, obstacles, more=views.displacement_only
+        ),
     )
 
 
@@ -160,13 +162,19 @@ def _find_in_frames(
     def part(low: float, high: float) -> Callable[[float], None]:
         return lambda share: report("fusion", low + share * (high - low))
 
-    if more is None or not more.always:
-        views = Views.from_detections(measured, trajectory.take(posed.rows_of(indices)))
-        found = find(views, progress=part(0.0, 1.0 if more is None else FIRST_SHARE))
-        if more is None or not found.is_unsure:
+    views = Views.from_detections(measured, trajectory.take(posed.rows_of(indices)))
+    if more is None:
+        return views, find(views, progress=part(0.0, 1.0))
+    found = None
+    if not more.always:
+        found = find(views, progress=part(0.0, FIRST_SHARE))
+        if not found.is_unsure:
             report("fusion", 1.0)
             return views, found
     others, displacements = more.measure(posed, indices, folder, part(FIRST_SHARE, SECOND_SHARE))
+    if found is not None and not others:
+        report("fusion", 1.0)
+        return views, found
     rows = posed.rows_of([*indices, *others])
     views = Views.from_detections(measured, trajectory.take(rows), displacements)
     return views, find(views, progress=part(SECOND_SHARE, 1.0))

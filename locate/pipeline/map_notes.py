@@ -25,6 +25,9 @@ UNCONFIRMED = (
     "Left out: {count} that pixels alone would call a plume, but about which the displacement does "
     "not turn as about one. Hard compression and things that move make such."
 )
+MORE_FRAMES = (
+    "The displacement alone of {more} more frames counts beside {measured} measured whole."
+)
 GUESSED_UP = "The direction of up is guessed from the scene and the cameras."
 
 
@@ -34,6 +37,8 @@ def map_notes(
     trajectory: Trajectory,
     found: FoundPlumes,
     obstacles: Sequence[Obstacle] = (),
+    *,
+    more: int = 0,
 ) -> tuple[str, ...]:
     """The notes on a map of a moving camera.
 
@@ -43,9 +48,12 @@ def map_notes(
         trajectory: Of the camera.
         found: What they show.
         obstacles: What kept it from judging, which the reader is told too.
+        more: Frames of which the displacement alone was measured.
     """
     told = any(obstacle.cause is Cause.SILENT_FRAMES for obstacle in obstacles)
     notes = empty_frames_notes(measured, detector, told=told)
+    if more:
+        notes.append(MORE_FRAMES.format(measured=len(measured), more=more))
     if not trajectory.metric:
         notes.append(FREE_SCALE)
     if not trajectory.gravity:

@@ -47,7 +47,7 @@ def measure_side_by_side(
     Raises:
         ChildProcessError: Another one was ended.
     """
-    frames = min(most, len(posed.names))
+    frames = min(most, len(posed.names) - len(skip))
     count = max(1, min(jobs, frames // FEWEST_FRAMES, affordable_jobs(posed.full_size, jobs)))
     count = 1 if posed.trajectory is None else count
     measure = partial(measure_frames, posed, make(), folder, most=most, skip=skip)

@@ -12,7 +12,12 @@ from detect.response import Response
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from locate.journal.progress import silent
-from locate.pipeline.detections import load_detections, load_response, measure_frames
+from locate.pipeline.detections import (
+    load_detections,
+    load_response,
+    measure_frames,
+    spread_rows,
+)
 from locate.recording.posed_frames import PosedFrames
 
 SAYS = Response(ratios=(0.0, 2.0), llr=(-1.0, 3.0))
@@ -66,3 +71,12 @@ def test_a_damaged_index_is_named(tmp_path: Path, content: str | None, says: str
         (tmp_path / "index.json").write_text(content)
     with pytest.raises(BadInputError, match=rf"index\.json: .*{says}"):
         load_detections(tmp_path)
+
+
+def test_frames_measured_already_are_left_out() -> None:
+    first = spread_rows(60, 16, ends=3)
+    others = spread_rows(60, 20, ends=3, skip=first)
+    assert not set(first.tolist()) & set(others.tolist())
+    assert (len(others), others.min() >= 3, others.max() <= 56) == (20, True, True)
+    assert np.diff(others).max() <= 5
+    assert spread_rows(20, 99, ends=3, skip=spread_rows(20, 14, ends=3)).size == 0

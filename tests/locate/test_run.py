@@ -185,6 +185,16 @@ def test_given_poses_make_a_metric_map(tmp_path: Path) -> None:
     assert np.linalg.norm(plume.source - truth) < 0.03 * 8.5
 
 
+def test_a_thorough_run_counts_the_displacement_of_more_frames(tmp_path: Path) -> None:
+    settings = {"recording": SAMPLE_VIDEO, "poses": SAMPLE / "truth.json", "overlay": False}
+    amounts = {"max_frames": 14, "detection_frames": 3, "effort": "thorough"}
+    plume_map = Run(RunConfig.of(settings | amounts), tmp_path / "out").run()
+    note = "The displacement alone of 5 more frames counts beside 3 measured whole."
+    assert note in plume_map.notes
+    assert len(list((tmp_path / "out" / "detections").glob("*.npz"))) == 3
+    assert not (tmp_path / "out" / "displacements").exists()
+
+
 def test_a_still_video_gives_a_direction_and_marks_it(tmp_path: Path) -> None:
     images = frames(0.15)
     size = (images[0].shape[1], images[0].shape[0])

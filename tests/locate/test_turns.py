@@ -5,10 +5,11 @@ import pytest
 
 from detect.information import DisplacementInformation
 from geometry.grid import sum_evidence
+from locate.fusion.find import FoundPlumes
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, find_turns
-from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch, column_of
+from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch, column_of, strength_of_turn
 from locate.fusion.matched.probability import passes, true_probability
 from locate.fusion.matched.scan import propose_turns
 from locate.fusion.matched.score import join_sides
@@ -77,6 +78,13 @@ def narrow_column(truth: ColumnTruth) -> Columns:
     """The true column, its radius that of the largest displacement."""
     slopes, width = truth.slope, truth.radius / RADIUS_WIDTHS
     return PlumeColumn(np.array([*truth.source, *slopes, truth.height, width, 0.0])).as_columns
+
+
+def with_more_views(views: Views, count: int) -> Views:
+    """The same, as though the last `count` told their displacement alone."""
+    sigma_px = views.sigma_px.copy()
+    sigma_px[-count:] = np.inf
+    return replace(views, sigma_px=sigma_px, displacement_only=count)
 
 
 def turns_of(views: Views) -> list[Turn]:
@@ -186,3 +194,58 @@ def test_the_limit_is_lower_where_turns_are_searched_for(truth: ColumnTruth) -> 
     assert alone is None
     assert with_turns is not None
     assert with_turns < 3 * NOISE_PX
+
+
+def test_views_of_the_displacement_alone_add_to_the_turn(truth: ColumnTruth) -> None:
+    views = with_more_views(views_of(truth, 0.2), 6)
+    assert (len(views), len(views.by_pixels)) == (12, 6)
+    assert views.by_pixels.unit == views.unit
+    assert views.by_pixels.by_pixels is views.by_pixels
+    few, all_views = turns_of(views.by_pixels)[0], turns_of(views)[0]
+    assert abs(all_views.sigmas) > 1.2 * abs(few.sigmas)
+
+
+def test_evidence_of_pixels_is_counted_by_the_views_that_have_some(truth: ColumnTruth) -> None:
+    views = views_of(truth, 0.4)
+    evident = views.with_evidence(np.full_like(views.llr, 0.01))
+    strengths = []
+    for each in (evident, with_more_views(evident, 4)):
+        llr = each.llr.copy()
+        llr[len(each.by_pixels) :] = 0
+        score = search_of(each.with_evidence(llr)).score
+        column = PlumeColumn(narrow_column(truth).array[0])
+        strengths.append(strength_of_turn(score, column, np.random.default_rng(1)))
+    assert strengths[1].nats_per_view == pytest.approx(strengths[0].nats_per_view, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "rejected", "limit_px", "unsure"),
+    [
+        ([0.999], 0.5, 0.1, False),
+        ([0.9, 0.999], 0.0, 0.1, True),
+        ([], 0.5, 0.1, True),
+        ([], 0.1, 0.1, False),
+        ([], 0.1, None, True),
+        ([0.999], 0.0, None, False),
+    ],
+)
+def test_what_more_frames_may_change_is_unsure(
+    search: TurnSearch,
+    plume: Plume,
+    probabilities: list[float],
+    rejected: float,
+    limit_px: float | None,
+    unsure: bool,
+) -> None:
+    found = FoundPlumes(
+        plumes=tuple(replace(plume, probability=each) for each in probabilities),
+        by_pixels=(),
+        unconfirmed=0,
+        turns=search,
+        grid=None,
+        threshold_nats=1.0,
+        limit_px=limit_px,
+        rejected=rejected,
+    )
+    assert found.is_unsure is unsure
+    assert not replace(found, turns=None).is_unsure
