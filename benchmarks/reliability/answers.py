@@ -56,7 +56,7 @@ def candidates(found: FoundPlumes, true: "TruePlume") -> Iterator[Candidate]:
     rng, turns = np.random.default_rng(0), found.turns
     if turns is None:
         return
-    for plume in found.by_pixels:
+    for plume in found.by_pixels.plumes:
         strength = strength_of_plume(turns.score, plume, rng)
         yield Candidate(**asdict(strength), off=true.off(axis_of(plume)))
     for turn in turns.find_turns(rng)[:MOST_TURNS]:

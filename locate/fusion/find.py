@@ -8,7 +8,7 @@ import numpy as np
 from detect.registry import DetectorChoice
 from detect.response import Response
 from geometry.grid import EvidenceGrid
-from locate.fusion.fuse import fuse, number_plumes
+from locate.fusion.fuse import FusionResult, fuse, number_plumes
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.views import Views
@@ -27,24 +27,30 @@ class FoundPlumes:
 
     Attributes:
         plumes: Strongest first.
-        by_pixels: What the evidence of pixels alone would call plumes.
-        unconfirmed: How many of those are none by the displacement.
+        by_pixels: What the evidence of pixels alone shows.
+        unconfirmed: How many of its plumes are none by the displacement.
         turns: The search for turns of the displacement, where there was one.
-        grid: The summed evidence of pixels; None where no frame measured any depth.
-        threshold_nats: What a column needs of that evidence.
         limit_px: The detection limit, px of the original frames; None where nothing would have
             been seen.
         rejected: Probability of the likeliest column that is not reported, 0 without one.
     """
 
     plumes: tuple[Plume, ...]
-    by_pixels: tuple[Plume, ...]
+    by_pixels: FusionResult
     unconfirmed: int
     turns: TurnSearch | None
-    grid: EvidenceGrid | None
-    threshold_nats: float
     limit_px: float | None
     rejected: float = 0.0
+
+    @property
+    def grid(self) -> EvidenceGrid | None:
+        """The summed evidence of pixels; None where no frame measured any depth."""
+        return self.by_pixels.grid
+
+    @property
+    def threshold_nats(self) -> float:
+        """What a column needs of that evidence."""
+        return self.by_pixels.threshold_nats
 
     @property
     def is_unsure(self) -> bool:
@@ -61,6 +67,7 @@ def find_plumes(
     detector: DetectorChoice,
     *,
     response: Response | None = None,
+    by_pixels: FusionResult | None = None,
     seed: int = 0,
     progress: Callable[[float], None] = lambda _share: None,
 ) -> FoundPlumes:
@@ -70,12 +77,13 @@ def find_plumes(
         views: Of the run.
         detector: That measured them.
         response: Of the detector, for the detection limit; None: the hand-made formula.
+        by_pixels: What the evidence of pixels of these views shows, where it is known.
         seed: Of every random choice.
         progress: Receives the share done, from 0 to 1.
     """
     # 1. Columns in which the evidence of pixels adds up.
     pixels = views.by_pixels
-    fused = fuse(
+    fused = by_pixels or fuse(
         pixels,
         seed=seed,
         progress=lambda share: progress(FUSION_SHARE * share),
@@ -102,11 +110,9 @@ def find_plumes(
     progress(1.0)
     return FoundPlumes(
         plumes=number_plumes(plumes),
-        by_pixels=fused.plumes,
+        by_pixels=fused,
         unconfirmed=unconfirmed,
         turns=turns,
-        grid=fused.grid,
-        threshold_nats=fused.threshold_nats,
         limit_px=limit_px,
         rejected=rejected,
     )

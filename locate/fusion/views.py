@@ -114,7 +114,7 @@ class Views:
         if not self.displacement_only:
             return self
         count = len(self) - self.displacement_only
-        part = replace(
+        return replace(
             self,
             trajectory=self.trajectory.take(range(count)),
             llr=self.llr[:count],
@@ -124,8 +124,6 @@ class Views:
             information=self.information[:count],
             displacement_only=0,
         )
-        vars(part)["unit"] = self.unit
-        return part
 
     def rolled_sideways(self, shifts_px: Sequence[int]) -> Self:
         """Every view's maps turned sideways by its own shift, the poses left where they are.
@@ -155,8 +153,12 @@ class Views:
 
     @cached_property
     def unit(self) -> float:
-        """A tenth of the median range to the background, world units: the unit of fusion."""
-        finite = self.inverse_depth[self.inverse_depth > 0]
+        """A tenth of the median range to the background, world units: the unit of fusion.
+
+        Views that tell their displacement alone do not count, so that they do not change it.
+        """
+        measured = self.inverse_depth[: len(self) - self.displacement_only]
+        finite = measured[measured > 0]
         return float(RANGE_TO_UNIT / np.median(finite)) if finite.size else np.nan
 
     @cached_property

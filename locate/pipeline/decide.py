@@ -177,7 +177,8 @@ def _find_in_frames(
         return views, found
     rows = posed.rows_of([*indices, *others])
     views = Views.from_detections(measured, trajectory.take(rows), displacements)
-    return views, find(views, progress=part(SECOND_SHARE, 1.0))
+    by_pixels = None if found is None else found.by_pixels
+    return views, find(views, by_pixels=by_pixels, progress=part(SECOND_SHARE, 1.0))
 
 
 def map_bearings(

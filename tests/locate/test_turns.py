@@ -6,6 +6,7 @@ import pytest
 from detect.information import DisplacementInformation
 from geometry.grid import sum_evidence
 from locate.fusion.find import FoundPlumes
+from locate.fusion.fuse import FusionResult
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, find_turns
@@ -239,11 +240,9 @@ def test_what_more_frames_may_change_is_unsure(
 ) -> None:
     found = FoundPlumes(
         plumes=tuple(replace(plume, probability=each) for each in probabilities),
-        by_pixels=(),
+        by_pixels=FusionResult(plumes=(), grid=None, threshold_nats=1.0),
         unconfirmed=0,
         turns=search,
-        grid=None,
-        threshold_nats=1.0,
         limit_px=limit_px,
         rejected=rejected,
     )
