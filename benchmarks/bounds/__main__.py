@@ -1,3 +1,3 @@
 from benchmarks.common.commands import run
 
-run(__package__, "source", "displacement", "weak-plume")
+run(__package__, "source", "displacement", "weak-plume", "known-plume")

@@ -160,10 +160,19 @@ class TurnScore:
         them; a plume is in most.
         """
         turns = self.view_turns(columns)
-        return self._limit(self._join(turns, columns), turns)
+        return self._limit(turns, columns)
 
-    def _limit(self, sigmas: FloatArray, turns: ViewTurns) -> FloatArray:
-        return np.asarray(np.sign(sigmas) * np.minimum(np.abs(sigmas), np.abs(turns.median)))
+    def _limit(self, turns: ViewTurns, columns: Columns) -> FloatArray:
+        """(N,) sigmas of all views together, no more than were each like the median one.
+
+        Views that lie close together err alike, the more the more of them there are: both are in
+        units of the scatter of all views together.
+        """
+        sigmas = self._join(turns, columns)
+        scatter = self.scatter[self._classes(columns)].mean(axis=-1)
+        return np.asarray(
+            np.sign(sigmas) * np.minimum(np.abs(sigmas), np.abs(turns.median) / scatter)
+        )
 
     def _join(self, turns: ViewTurns, columns: Columns) -> FloatArray:
         return join_sides(turns.sides / self.scatter[self._classes(columns)].T)
@@ -178,7 +187,7 @@ class TurnScore:
         samples = _sample_axes(self.filters, columns)
         would = np.minimum(size_px * samples.sigmas_per_px, MOST_SIGMAS)
         turns = self._in_scatter(_sum_heights(would, samples.weight, len(columns)), columns)
-        return self._limit(self._join(turns, columns), turns)
+        return self._limit(turns, columns)
 
     def _classes(self, columns: Columns) -> tuple[IntArray, IntArray]:
         """Which random columns each column is most like."""
