@@ -248,3 +248,20 @@ def test_what_more_frames_may_change_is_unsure(
     )
     assert found.is_unsure is unsure
     assert not replace(found, turns=None).is_unsure
+
+
+def test_views_that_err_alike_count_once(truth: ColumnTruth) -> None:
+    once = views_of(truth, 0.2)
+    rows = np.repeat(np.arange(len(once)), 3)
+    thrice = replace(
+        once,
+        trajectory=once.trajectory.take(rows),
+        llr=once.llr[rows],
+        inverse_depth=once.inverse_depth[rows],
+        displacement=once.displacement[rows],
+        sigma_px=once.sigma_px[rows],
+        information=tuple(once.information[row] for row in rows),
+    )
+    columns = narrow_column(truth)
+    one, three = (float(search_of(views).score.agreed(columns)[0]) for views in (once, thrice))
+    assert three == pytest.approx(one, rel=0.1)
