@@ -264,4 +264,4 @@ def test_views_that_err_alike_count_once(truth: ColumnTruth) -> None:
     )
     columns = narrow_column(truth)
     one, three = (float(search_of(views).score.agreed(columns)[0]) for views in (once, thrice))
-    assert three == pytest.approx(one, rel=0.1)
+    assert three == pytest.approx(one, rel=0.2)
