@@ -20,11 +20,11 @@ PRECEDENTS: dict[str, tuple[tuple[float, str], ...]] = {
         (1.0, "20 of 20 simulated leaks of this strength were found"),
         (0.3, "19 of 20 simulated leaks of 0.3 px were found; on sharp photos 6 of 6"),
         (0.1, "19 of 20 simulated leaks of 0.1 px were found; on sharp photos 4 of 6"),
-        (0.05, "1 of 2 simulated leaks of 0.05 px was found"),
+        (0.05, "none of 3 simulated leaks of 0.05 px was found"),
     ),
     "video": (
         (1.0, "simulated leaks of this strength were found; on real frames 5 of 6"),
-        (0.3, "1 of 2 simulated leaks of 0.3 px was found in H.264, none of 6 on real frames"),
+        (0.3, "10 of 10 simulated leaks of 0.3 px were found in H.264, none of 6 on real frames"),
     ),
 }
 """What was found at which strength, strongest first; docs/accuracy.md, docs/seeing.md,
