@@ -23,7 +23,7 @@ PRECEDENTS: dict[str, tuple[tuple[float, str], ...]] = {
         (0.05, "none of 3 simulated leaks of 0.05 px was found"),
     ),
     "video": (
-        (1.0, "simulated leaks of this strength were found; on real frames 5 of 6"),
+        (1.0, "simulated leaks of this strength were found; on real frames 4 of 6"),
         (0.3, "10 of 10 simulated leaks of 0.3 px were found in H.264, none of 6 on real frames"),
     ),
 }
