@@ -13,7 +13,7 @@ from locate.planning.plan import (
     Plan,
 )
 
-IN_A_FRAME = 0.9, 1.9
+IN_A_FRAME = 0.9, 2.0
 """What single frames of simulated turbulent plumes showed, over what was planned (docs/plan.md)."""
 PRECEDENTS: dict[str, tuple[tuple[float, str], ...]] = {
     "lossless": (

@@ -80,7 +80,7 @@ def test_the_command_prints_a_table_and_draws_a_picture(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "1280x720 px, focal length 1005 px" in result.output
     assert "0.083 px" in result.output
-    assert "0.9 to 1.9 times that" in result.output
+    assert "0.9 to 2 times that" in result.output
     picture = cv2.imread(str(tmp_path / "plan.png"))
     assert picture is not None
     assert picture.shape == (560, 900, 3)
