@@ -115,9 +115,8 @@ def main(options: argparse.Namespace) -> None:
         if limit_px is None:
             print(f"{seed} | no limit stated")
             continue
-        indices = Trajectory.load(
-            run_folder(clean / "video.mkv") / "trajectory.json"
-        ).indices.tolist()
+        run = run_folder(clean / "video.mkv")
+        indices = Trajectory.load(run / "trajectory.json").indices.tolist()
         strength_px = mean_strength_px(leak, indices)
         for share in options.shares:
             factor = share * limit_px / strength_px

@@ -86,13 +86,14 @@ class Views:
             size = (camera.width, camera.height)
             return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
-        correlation_px2 = correlation_area(np.stack([shrink_map(d.llr) for d in detections]))
+        evident = len(detections)
         detections = [*detections, *displacements]
+        llr = np.stack([shrink_map(d.llr) for d in detections])
         unknown = np.full(detections[0].llr.shape, np.nan, np.float32)
         depth = [unknown if d.inverse_depth is None else d.inverse_depth for d in detections]
         return cls(
             trajectory=replace(trajectory, camera=camera),
-            llr=np.stack([shrink_map(d.llr) for d in detections]),
+            llr=llr,
             inverse_depth=np.stack(
                 [_shrink_nearest(d, camera.width, camera.height) for d in depth]
             ),
@@ -100,7 +101,7 @@ class Views:
             sigma_px=np.stack(
                 [_shrink_nearest(d.sigma_px, camera.width, camera.height) for d in detections]
             ),
-            correlation_px2=correlation_px2,
+            correlation_px2=correlation_area(llr[:evident]),
             information=_sum_information(detections, camera.width, camera.height),
             displacement_only=len(displacements),
         )
@@ -108,11 +109,13 @@ class Views:
     def __len__(self) -> int:
         return len(self.trajectory)
 
-    @cached_property
+    @property
     def by_pixels(self) -> Self:
         """The views that have evidence of pixels."""
-        if not self.displacement_only:
-            return self
+        return self._pixel_views if self.displacement_only else self
+
+    @cached_property
+    def _pixel_views(self) -> Self:
         count = len(self) - self.displacement_only
         return replace(
             self,

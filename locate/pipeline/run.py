@@ -231,7 +231,6 @@ class Run:
 
     def _fuse(self, plan: MeasurementPlan) -> None:
         at_rest = plan.posed.trajectory is None
-        more = None if at_rest else self._more_frames(plan)
         notes = (
             *self.source.focal_notes(plan.key_frames, at_rest=at_rest),
             *full_size_notes(plan.key_frames),
@@ -244,7 +243,8 @@ class Run:
                 "seed": self.config.seed,
                 "notes": notes,
                 "clutter_nats": plan.detector.clutter_nats,
-                "more_frames": None if more is None else (more.most, more.always),
+                "displacement_frames": self.config.amounts.displacement_frames,
+                "always": self._always_more,
             },
             code=(decide, registry),
             build=lambda folder: decide.write_map(
@@ -254,15 +254,22 @@ class Run:
                 seed=self.config.seed,
                 notes=(*notes, *plan.key_frames.warnings),
                 foreseen=foreseen_obstacles(plan.key_frames),
-                more=more,
+                more=self._more_frames(plan),
                 report=self._report,
             ),
         )
 
+    @property
+    def _always_more(self) -> bool:
+        """Whether more frames are measured though the answer without them is sure."""
+        return self.config.effort == "thorough"
+
     def _more_frames(self, plan: MeasurementPlan) -> MoreFrames | None:
         """How more frames are measured where the answer is unsure; None where none are."""
         amounts = self.config.amounts
-        if not amounts.displacement_frames or not plan.detector.tells_displacement:
+        if plan.posed.trajectory is None or not plan.detector.tells_displacement:
+            return None
+        if not amounts.displacement_frames:
             return None
         return MoreFrames(
             make=partial(
@@ -272,7 +279,7 @@ class Run:
                 points_in_world=load_points(self.files.points),
             ),
             most=amounts.displacement_frames,
-            always=self.config.effort == "thorough",
+            always=self._always_more,
             jobs=self._jobs,
         )
 
