@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from geometry.errors import BadInputError
 from locate.recording import open_recording
 from locate.recording.recording import ANY_SIDE
 from locate.recording.writer import H264, H265
@@ -18,7 +19,10 @@ def code(lossless: Path, coding: str) -> Path:
         return lossless
     coded = lossless.with_name(f"{coding}.mp4")
     if not coded.exists():
-        codec, bits = coding.split("_")
+        codec, _, bits = coding.partition("_")
+        if codec not in CODECS or not bits.replace(".", "", 1).isdecimal():
+            known = " or ".join(CODECS)
+            raise BadInputError(f"{coding}: no coding; give {LOSSLESS}, or {known} as h264_0.2")
         recording = open_recording(lossless, max_side=ANY_SIDE)
         frames = list(recording.frames())
         fps = (len(frames) - 1) / (frames[-1].time_s - frames[0].time_s)
