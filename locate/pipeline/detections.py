@@ -15,6 +15,7 @@ from geometry.errors import BadInputError, first_complaint
 from geometry.json_text import parse_json
 from locate.journal.progress import Report
 from locate.recording.posed_frames import PosedFrames
+from locate.recording.spacing import avoid_b_frames
 
 ENDS = 3
 """Frames at each end of a recording that are not measured: they lack neighbours on one side."""
@@ -42,7 +43,11 @@ def measure_frames(
     folder.mkdir(exist_ok=True)
     frames = posed.undistorted()
     rows = spread_rows(
-        len(frames), most, ends=0 if posed.trajectory is None else ENDS, skip=posed.rows_of(skip)
+        len(frames),
+        most,
+        ends=0 if posed.trajectory is None else ENDS,
+        skip=posed.rows_of(skip),
+        b_frames=posed.rows_of(posed.b_frames),
     )
     share_rows = rows[share[0] :: share[1]]
     for done, row in enumerate(share_rows):
@@ -93,7 +98,12 @@ def load_response(folder: Path) -> Response | None:
 
 
 def spread_rows(
-    count: int, most: int, *, ends: int, skip: Sequence[int] | IntArray = ()
+    count: int,
+    most: int,
+    *,
+    ends: int,
+    skip: Sequence[int] | IntArray = (),
+    b_frames: Sequence[int] | IntArray = (),
 ) -> IntArray:
     """At most `most` of `count` rows, evenly, without the `ends` that lack neighbours.
 
@@ -102,11 +112,13 @@ def spread_rows(
         most: Of those chosen.
         ends: Rows at either end that are left out, as long as one is left between them.
         skip: Others that are left out.
+        b_frames: Others that are taken only where no other frame is near (`avoid_b_frames`).
     """
     ends = min(ends, (count - 1) // 2)
     usable = np.setdiff1d(np.arange(ends, count - ends), np.asarray(skip, dtype=np.int64))
     chosen = np.linspace(0, len(usable) - 1, min(most, len(usable)))
-    return np.asarray(usable[np.rint(chosen).astype(np.int64)])
+    rows = np.rint(chosen).astype(np.int64)
+    return np.asarray(usable[avoid_b_frames(rows, np.isin(usable, b_frames))])
 
 
 class DetectionIndex(BaseModel):

@@ -162,6 +162,7 @@ def frames_with_poses(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:
         camera=trajectory.camera,
         trajectory=trajectory,
         full_size=key_frames.full_size,
+        b_frames=key_frames.b_frames,
     )
 
 

@@ -66,8 +66,8 @@ class BagImages:
             BadInputError: None can, with the reason.
         """
         notes: list[str] = []
-        for _, _, image in self.read(notes):
-            return image
+        for image in self.read(notes):
+            return image.samples
         reason = notes[0] if notes else f"{self._path.name}: its topic of images is empty"
         raise BadInputError(f"{self._path}: not one image of this bag can be read: {reason}")
 
@@ -77,7 +77,7 @@ class BagImages:
         stamps: list[int] = []
         for stamp, image in self._read_stamped(left_out):
             stamps.append(stamp)
-            yield (stamp - stamps[0]) / NS_PER_S, str(stamp), image
+            yield NamedImage((stamp - stamps[0]) / NS_PER_S, str(stamp), image)
         self._add_notes(warnings, left_out, stamps)
 
     def _read_stamped(self, left_out: Counter[str]) -> Iterator[StampedImage]:

@@ -28,6 +28,7 @@ class KeyFrame:
         sharpness: Variance of the Laplacian, grey levels squared.
         motion_px: Median image motion since the kept frame before, px of the written image;
             0 for the first.
+        is_b_frame: Whether a codec made it of frames before and after it, with the fewest bits.
     """
 
     index: NonNegativeInt
@@ -35,6 +36,7 @@ class KeyFrame:
     source: str
     sharpness: FiniteFloat
     motion_px: FiniteFloat
+    is_b_frame: bool = False
 
     @property
     def name(self) -> str:
@@ -94,6 +96,11 @@ class KeyFrames:
     def indices(self) -> IntArray:
         """(N,) index of each frame in the recording."""
         return np.array([frame.index for frame in self.frames], dtype=np.int64)
+
+    @property
+    def b_frames(self) -> IntArray:
+        """Indices in the recording of the B frames among them."""
+        return self.indices[[frame.is_b_frame for frame in self.frames]]
 
     @property
     def times_s(self) -> FloatArray:

@@ -12,6 +12,7 @@ from locate.recording.images import write_png
 from locate.recording.index import FULL_SIZE, KeyFrame, KeyFrames
 from locate.recording.motion import make_thumbnail, median_motion
 from locate.recording.recording import Recording
+from locate.recording.spacing import avoid_b_frames
 from locate.recording.watching import THUMBNAIL_SIDE, Progress, watch_recording
 
 TARGET_MOTION = 0.005
@@ -37,11 +38,11 @@ def select_frames(
 
     Of a moving camera, what the recording holds beyond the working size goes to `FULL_SIZE`.
 
-    A video is thinned to `target_motion` between neighbours, photos are all kept; beyond
-    `max_frames` the kept ones are spread evenly over the path of the image motion. A recording by
-    a camera at rest keeps frames evenly in time; where these would be more than `CLOSELY_S` apart,
-    half of them come from the middle of the video, one close after the other. Of several shots the
-    longest is used; frames without texture are left out; the warnings say so.
+    A video is thinned to `target_motion` between neighbours, B frames are taken last, photos all
+    kept; beyond `max_frames` the kept ones are spread evenly over the path of the image motion. A
+    recording by a camera at rest keeps frames evenly in time; where these would be more than
+    `CLOSELY_S` apart, half of them come from the middle of the video, one close after the other.
+    Of several shots the longest is used; frames without texture are left out; the warnings say so.
 
     Args:
         recording: What `open_recording` gave.
@@ -69,7 +70,9 @@ def select_frames(
         by_motion = recording.is_video and len(spaced) >= MIN_KEY_FRAMES
         wanted = spaced if by_motion else every
         motions = [1.0 if by_motion else frame.motion_px for frame in wanted]
-        chosen = _spread_evenly(wanted, np.cumsum(motions), max_frames)
+        rows = _spread_rows(np.cumsum(motions), max_frames)
+        rows = avoid_b_frames(rows, np.array([frame.is_b_frame for frame in wanted]))
+        chosen = [wanted[row] for row in rows]
     thinned = _note_thinned(recording, len(wanted), len(chosen), still=still)
     full = recording.has_full_size and not still
     kept = _write_frames(recording, chosen, folder, progress, full=full)
@@ -105,21 +108,23 @@ def _note_thinned(recording: Recording, wanted: int, chosen: int, *, still: bool
     ]
 
 
-def _spread_evenly(
-    frames: list[KeyFrame], path: FloatArray | IntArray, count: int
-) -> list[KeyFrame]:
-    """At most `count` frames, evenly along `path`, a length that never falls."""
-    if len(frames) <= count:
-        return frames
+def _spread_rows(path: FloatArray | IntArray, count: int) -> IntArray:
+    """At most `count` of the frames, evenly along `path`, a length that never falls."""
+    if len(path) <= count:
+        return np.arange(len(path))
     path = path + 1e-6 * np.arange(len(path))  # strictly rising, also where nothing moves
     wanted = np.linspace(path[0], path[-1], count)
-    rows = np.unique(np.searchsorted(path, wanted))
-    return [frames[row] for row in rows]
+    return np.unique(np.searchsorted(path, wanted))
+
+
+def _spread_in_time(frames: list[KeyFrame], count: int) -> list[KeyFrame]:
+    """At most `count` frames, evenly."""
+    return [frames[row] for row in _spread_rows(np.arange(len(frames)), count)]
 
 
 def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFrame]:
     """At most `count` frames, evenly; in a video of more, half of them in a row if need be."""
-    evenly = _spread_evenly(frames, np.arange(len(frames)), count)
+    evenly = _spread_in_time(frames, count)
     if not in_time or np.median(np.diff([frame.time_s for frame in evenly])) <= CLOSELY_S:
         return evenly
     spacing_s = float(np.median(np.diff([frame.time_s for frame in frames])))
@@ -127,7 +132,7 @@ def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFr
     start = max(0, (len(frames) - count // 2 * step) // 2)
     row = frames[start::step][: count // 2]
     others = [frame for frame in evenly if frame not in row]
-    spread = _spread_evenly(others, np.arange(len(others)), count - len(row))
+    spread = _spread_in_time(others, count - len(row))
     return sorted((*row, *spread), key=lambda frame: frame.index)
 
 

@@ -33,6 +33,7 @@ class PosedFrames:
         stretch: Of the recording, where the images are its own files of 16 bits.
         full_size: Width and height of the same frames in the folder `FULL_SIZE`, px; None where
             there are none.
+        b_frames: Indices in the recording of its B frames, on which a codec spends the fewest bits.
     """
 
     folder: Path
@@ -43,6 +44,7 @@ class PosedFrames:
     times_s: FloatArray | None = None
     stretch: Stretch | None = None
     full_size: tuple[int, int] | None = None
+    b_frames: Sequence[int] | IntArray = ()
 
     def undistorted(self) -> Frames:
         """The frames, undistorted, with the pinhole camera that would have taken them so.
@@ -90,6 +92,6 @@ class PosedFrames:
         ends = (len(images) // 2, len(images) - 1)
         return max(median_motion(images[0], images[end]) for end in ends)
 
-    def rows_of(self, indices: Sequence[int]) -> IntArray:
+    def rows_of(self, indices: Sequence[int] | IntArray) -> IntArray:
         """Which rows the frames of these indices are."""
         return np.searchsorted(self.indices, np.asarray(indices, dtype=np.int64))

@@ -44,6 +44,7 @@ class Frame:
         source: Name of the file.
         image: (H, W) uint8 at the working size.
         samples: (H', W') at the recording's own size, as deep as they are.
+        is_b_frame: Whether a codec made it of frames before and after it.
     """
 
     index: int
@@ -51,6 +52,7 @@ class Frame:
     source: str
     image: GreyImage
     samples: GreySamples
+    is_b_frame: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,21 +150,23 @@ class Recording:
         Raises:
             BadInputError: A photo cannot be read, or the frames change in size.
         """
-        for index, (time_s, name, shown) in enumerate(self._source_images()):
-            image = turn_image(shown, self.turns.get(index, 0))
+        for index, source in enumerate(self._source_images()):
+            image = turn_image(source.samples, self.turns.get(index, 0))
             if image.shape != (self.source_height, self.source_width):
+                height, width = image.shape
                 raise BadInputError(
-                    f"{self.path}: frame {index} ({name}) is {image.shape[1]}x{image.shape[0]}, "
-                    f"the first is {self.source_width}x{self.source_height}; "
-                    "give frames of one camera and one size"
+                    f"{self.path}: frame {index} ({source.name}) is {width}x{height}, the first is "
+                    f"{self.source_width}x{self.source_height}; give frames of one camera "
+                    "and one size"
                 )
             place = self.photo_indices[index] if self.photo_indices else index
             yield Frame(
                 index=place,
-                time_s=float(place) if self.photo_indices else time_s,
-                source=name,
+                time_s=float(place) if self.photo_indices else source.time_s,
+                source=source.name,
                 image=self._at_working_size(in_8_bits(image)),
                 samples=image,
+                is_b_frame=source.is_b_frame,
             )
 
     def _source_images(self) -> Iterator[NamedImage]:
@@ -221,8 +225,8 @@ def open_recording(
             photos = tuple(photos[row] for row in kept.rows)
             turns = {kept.rows.index(row): turn for row, turn in kept.turns.items()}
             warnings += kept.notes
-        _, _, first = next(_photo_images(photos[:1], [], None))
-        first = turn_image(first, turns.get(0, 0))
+        shown = next(_photo_images(photos[:1], [], None)).samples
+        first = turn_image(shown, turns.get(0, 0))
         focal = focal_of_photo(photos[0])
         stretch = stretch_of_photos(photos)
         expected_frames = len(photos)
@@ -263,7 +267,7 @@ def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
 def _open_stack(path: Path, max_side: int, full_side: int, warnings: list[str]) -> Recording:
     stack = TiffStack(path)
     stretch = stack.stretch
-    _, _, first = next(stack.read([]))
+    first = next(stack.read([])).samples
     height, width = first.shape
     working = reduced_size(width, height, max_side)
     full = reduced_size(width, height, full_side)
@@ -301,7 +305,7 @@ def _photo_images(
     for index, path in enumerate(paths):
         samples = read_samples(path)
         others += samples.dtype != np.uint8 if stretch is None else not stretch.suits(samples)
-        yield float(index), path.name, show_in_grey(samples, stretch)
+        yield NamedImage(float(index), path.name, show_in_grey(samples, stretch))
     if others:
         note = (
             f"{others} of {len(paths)} photos have {'more than ' if stretch is None else ''}8 bits "

@@ -1,6 +1,8 @@
-"""Frames that are even in image motion, and sharp."""
+"""Frames that are even in image motion, sharp and well coded."""
 
-from geometry.arrays import GreyImage
+import numpy as np
+
+from geometry.arrays import BoolArray, GreyImage, IntArray
 from locate.recording.index import KeyFrame
 from locate.recording.motion import median_motion
 
@@ -12,8 +14,32 @@ MAX_WAITING = 256
 """Most candidates in memory."""
 
 
+def avoid_b_frames(rows: IntArray, is_b_frame: BoolArray) -> IntArray:
+    """Chosen rows, with B frames among them exchanged for the nearest other frames.
+
+    Codecs spend the fewest bits on B frames: what a plume displaces is lost there first.
+
+    Args:
+        rows: (M,) chosen, rising.
+        is_b_frame: (N,) of all frames.
+
+    Returns:
+        (M,) rising; none is moved further than half way to the next chosen row.
+    """
+    others = np.flatnonzero(~is_b_frame)
+    nearest_chosen = np.searchsorted((rows[:-1] + rows[1:]) / 2, others)
+    moved = rows.copy()
+    for k, row in enumerate(rows):
+        near = others[nearest_chosen == k]
+        if len(near):
+            moved[k] = near[np.argmin(np.abs(near - row))]
+    return moved
+
+
 class FrameSpacer:
     """Keeps the next frame once the image has moved by the target since the last kept one.
+
+    Of those about as far, B frames are the last choice.
 
     Args:
         first: Kept as it is.
@@ -45,8 +71,9 @@ class FrameSpacer:
         return self.kept
 
     def _keep_best(self) -> None:
-        nearest = min(self._waiting, key=lambda item: abs(item[0] - 1))
         inside = [item for item in self._waiting if abs(item[0] - 1) <= WINDOW]
+        inside = [item for item in inside if not item[1].is_b_frame] or inside
+        nearest = min(inside or self._waiting, key=lambda item: abs(item[0] - 1))
         sharpest = max(inside, key=lambda item: item[1].sharpness, default=nearest)
         much_sharper = sharpest[1].sharpness > SHARPER * nearest[1].sharpness
         _, chosen, thumb = sharpest if much_sharper else nearest

@@ -51,7 +51,7 @@ class TiffStack:
             image = show_in_grey(self._read_page(row), self.stretch)
             size = size or image.shape
             if image.shape == size:
-                yield row / PAGE_RATE, self._path.name, image
+                yield NamedImage(row / PAGE_RATE, self._path.name, image)
             else:
                 others[f"{image.shape[1]}x{image.shape[0]}"] += 1
         notes = [

@@ -4,9 +4,11 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import av
 import numpy as np
+from av.video.frame import PictureType
 
 from geometry import MOST_PIXELS
 from geometry.arrays import GreySamples, Picture
@@ -24,8 +26,23 @@ MISSING_TAIL_S = 0.5
 """Missing end of a video from which on it counts as truncated."""
 GAP = 2.5
 """Step between two frames, over the usual one, from which on some may be missing; chosen."""
-NamedImage = tuple[float, str, GreySamples]
 UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
+
+
+class NamedImage(NamedTuple):
+    """An image of a recording.
+
+    Attributes:
+        time_s: From the first one.
+        name: Of what it comes from.
+        samples: (H, W), as deep as they are.
+        is_b_frame: Whether a codec made it of frames before and after it, with the fewest bits.
+    """
+
+    time_s: float
+    name: str
+    samples: GreySamples
+    is_b_frame: bool = False
 
 
 def open_video(path: Path) -> "av.container.InputContainer":
@@ -113,8 +130,8 @@ def first_video_image(path: Path) -> GreySamples:
     Raises:
         BadInputError: Not one can be decoded.
     """
-    for _, _, image in video_images(path, []):
-        return image
+    for image in video_images(path, []):
+        return image.samples
     raise BadInputError(f"{path}: not one frame of this video can be decoded")
 
 
@@ -142,7 +159,8 @@ def video_images(
             if len(times_s) == 1:
                 notes = [*describe_other_streams(container), *geometry.describe(image)]
                 _add_notes(warnings, path, notes)
-            yield time_s, path.name, geometry.show(image)
+            is_b_frame = frame.pict_type == PictureType.B
+            yield NamedImage(time_s, path.name, geometry.show(image), is_b_frame)
     if decoded.interlaced:
         _add_notes(warnings, path, [f"its frames are interlaced; {FILTER} deinterlaced them"])
     last_s = times_s[-1] if times_s else 0.0

@@ -183,6 +183,7 @@ def _watch_shots(
             source=frame.source,
             sharpness=measure_sharpness(frame.image),
             motion_px=motion_px,
+            is_b_frame=frame.is_b_frame,
         )
         waiting.append(_WatchedFrame(frame=key, thumb=thumb, image=frame.image, texture=texture))
         if recording.is_video and texture >= LEAST_TEXTURE:
