@@ -80,3 +80,14 @@ def test_frames_measured_already_are_left_out() -> None:
     assert (len(others), others.min() >= 3, others.max() <= 56) == (20, True, True)
     assert np.diff(others).max() <= 5
     assert spread_rows(20, 99, ends=3, skip=spread_rows(20, 14, ends=3)).size == 0
+
+
+def test_b_frames_are_measured_where_no_other_is_near() -> None:
+    b_frames = [row for row in range(60) if row % 4]
+    rows = spread_rows(60, 16, ends=3, b_frames=b_frames)
+    assert (len(rows), rows.min() >= 3, rows.max() <= 56) == (16, True, True)
+    assert sum(row % 4 == 0 for row in rows) == 14  # of 14 between the ends
+    assert np.diff(rows).max() <= 4
+    assert spread_rows(60, 16, ends=3, b_frames=range(60)).tolist() == (
+        spread_rows(60, 16, ends=3).tolist()
+    )

@@ -15,6 +15,8 @@ from geometry.errors import BadInputError
 from locate.recording import KeyFrames, open_recording, select_frames
 from locate.recording.focal import focal_of_photo, focal_of_video
 from locate.recording.photo_groups import optics_of_photo
+from locate.recording.writer import H264
+from locate.simulation.compression import write_coded
 
 WIDTH, HEIGHT, RATE = 320, 240, 20
 
@@ -98,6 +100,23 @@ def test_sharper_of_near_equals_is_taken(tmp_path: Path) -> None:
     kept = keep(write_video(tmp_path / "v.mkv", frames), tmp_path)
     assert len(kept) >= 8
     assert not blurred & set(kept.indices[1:].tolist())
+
+
+@pytest.mark.parametrize("max_frames", [120, 20])
+def test_b_frames_are_kept_last(tmp_path: Path, max_frames: int) -> None:
+    """Twice as many frames as are kept, three of four of them B frames or more."""
+    images = pan([1.0 * i for i in range(120)])
+    write_coded(tmp_path / "pan.mp4", images, 25.0, codec=H264, bits_per_pixel=0.2)
+    recorded = list(open_recording(tmp_path / "pan.mp4").frames())
+    share = np.mean([frame.is_b_frame for frame in recorded])
+    kept = keep(tmp_path / "pan.mp4", tmp_path, max_frames=max_frames)
+    assert share > 0.5
+    assert np.mean([frame.is_b_frame for frame in kept.frames]) < 0.6 * share
+    assert kept.b_frames.tolist() == [
+        frame.index for frame in kept.frames if recorded[frame.index].is_b_frame
+    ]
+    kept.save(tmp_path / "index.json")
+    assert KeyFrames.load(tmp_path / "index.json") == kept
 
 
 def test_max_frames_spreads_over_the_path(tmp_path: Path) -> None:
