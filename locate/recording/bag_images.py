@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,7 @@ class BagImages:
         """
         notes: list[str] = []
         for image in self.read(notes):
-            return image.samples
+            return image.load()
         reason = notes[0] if notes else f"{self._path.name}: its topic of images is empty"
         raise BadInputError(f"{self._path}: not one image of this bag can be read: {reason}")
 
@@ -77,7 +77,7 @@ class BagImages:
         stamps: list[int] = []
         for stamp, image in self._read_stamped(left_out):
             stamps.append(stamp)
-            yield NamedImage((stamp - stamps[0]) / NS_PER_S, str(stamp), image)
+            yield NamedImage((stamp - stamps[0]) / NS_PER_S, str(stamp), partial(np.asarray, image))
         self._add_notes(warnings, left_out, stamps)
 
     def _read_stamped(self, left_out: Counter[str]) -> Iterator[StampedImage]:

@@ -61,7 +61,7 @@ def select_frames(
     Raises:
         BadInputError: Fewer than two frames that show anything, or frames that cannot be used.
     """
-    watched = watch_recording(recording, target_motion, progress, shot=shot)
+    watched = watch_recording(recording, target_motion, max_frames, progress, shot=shot)
     every, spaced, still = watched.frames, watched.spaced, at_rest or watched.still
     if still:
         wanted = every
@@ -117,23 +117,21 @@ def _spread_rows(path: FloatArray | IntArray, count: int) -> IntArray:
     return np.unique(np.searchsorted(path, wanted))
 
 
-def _spread_in_time(frames: list[KeyFrame], count: int) -> list[KeyFrame]:
-    """At most `count` frames, evenly."""
-    return [frames[row] for row in _spread_rows(np.arange(len(frames)), count)]
-
-
 def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFrame]:
     """At most `count` frames, evenly; in a video of more, half of them in a row if need be."""
-    evenly = _spread_in_time(frames, count)
+    indices = np.array([frame.index for frame in frames], dtype=np.int64)
+    evenly = [frames[row] for row in _spread_rows(indices, count)]
     if not in_time or np.median(np.diff([frame.time_s for frame in evenly])) <= CLOSELY_S:
         return evenly
-    spacing_s = float(np.median(np.diff([frame.time_s for frame in frames])))
+    middle = len(frames) // 2
+    close = frames[max(0, middle - count) : middle + count]
+    spacing_s = float(np.median(np.diff([frame.time_s for frame in close])))
     step = max(1, round(ROW_SPACING_S / max(spacing_s, 1e-3)))
     start = max(0, (len(frames) - count // 2 * step) // 2)
     row = frames[start::step][: count // 2]
     others = [frame for frame in evenly if frame not in row]
-    spread = _spread_in_time(others, count - len(row))
-    return sorted((*row, *spread), key=lambda frame: frame.index)
+    spread = _spread_rows(np.arange(len(others)), count - len(row))
+    return sorted((*row, *(others[k] for k in spread)), key=lambda frame: frame.index)
 
 
 def _write_frames(
@@ -152,9 +150,7 @@ def _write_frames(
     written: list[KeyFrame] = []
     previous: GreyImage | None = None
     scale = max(1.0, max(recording.width, recording.height) / THUMBNAIL_SIDE)
-    for frame in recording.frames():
-        if frame.index not in wanted:
-            continue
+    for frame in recording.frames(lambda index, _: index in wanted):
         key = wanted[frame.index]
         _, encoded = cv2.imencode(".png", frame.image)
         (folder / key.name).write_bytes(encoded.tobytes())

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import cv2
@@ -32,6 +32,14 @@ DEFAULT_MAX_SIDE = 1280
 """Longest side at which frames are processed, px."""
 ANY_SIDE = 1 << 30
 """A longest side that reduces no image, px."""
+
+
+Wanted = Callable[[int, NamedImage], bool]
+
+
+def every_frame(index: int, image: NamedImage) -> bool:  # noqa: ARG001 - as of `Wanted`
+    """All are wanted."""
+    return True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,14 +152,21 @@ class Recording:
         reduced = cv2.resize(steps, size, interpolation=cv2.INTER_AREA)
         return np.asarray(np.rint(reduced).clip(0, VALUES - 1), dtype=np.uint16)
 
-    def frames(self) -> Iterator[Frame]:
-        """Yields every frame in order; one frame is in memory at a time.
+    def frames(self, is_wanted: Wanted = every_frame) -> Iterator[Frame]:
+        """Yields the frames in order; one frame is in memory at a time.
+
+        Args:
+            is_wanted: Told the index of a frame and what it comes from; the others of a video are
+                decoded and no more, other photos are not read.
 
         Raises:
             BadInputError: A photo cannot be read, or the frames change in size.
         """
         for index, source in enumerate(self._source_images()):
-            image = turn_image(source.samples, self.turns.get(index, 0))
+            place = self.photo_indices[index] if self.photo_indices else index
+            if not is_wanted(place, source):
+                continue
+            image = turn_image(source.load(), self.turns.get(index, 0))
             if image.shape != (self.source_height, self.source_width):
                 height, width = image.shape
                 raise BadInputError(
@@ -159,7 +174,6 @@ class Recording:
                     f"{self.source_width}x{self.source_height}; give frames of one camera "
                     "and one size"
                 )
-            place = self.photo_indices[index] if self.photo_indices else index
             yield Frame(
                 index=place,
                 time_s=float(place) if self.photo_indices else source.time_s,
@@ -225,7 +239,7 @@ def open_recording(
             photos = tuple(photos[row] for row in kept.rows)
             turns = {kept.rows.index(row): turn for row, turn in kept.turns.items()}
             warnings += kept.notes
-        shown = next(_photo_images(photos[:1], [], None)).samples
+        shown = next(_photo_images(photos[:1], [], None)).load()
         first = turn_image(shown, turns.get(0, 0))
         focal = focal_of_photo(photos[0])
         stretch = stretch_of_photos(photos)
@@ -267,7 +281,7 @@ def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
 def _open_stack(path: Path, max_side: int, full_side: int, warnings: list[str]) -> Recording:
     stack = TiffStack(path)
     stretch = stack.stretch
-    first = next(stack.read([])).samples
+    first = next(stack.read([])).load()
     height, width = first.shape
     working = reduced_size(width, height, max_side)
     full = reduced_size(width, height, full_side)
@@ -301,12 +315,17 @@ def turn_image(image: GreySamples, quarters: int) -> GreySamples:
 def _photo_images(
     paths: tuple[Path, ...], warnings: list[str], stretch: Stretch | None
 ) -> Iterator[NamedImage]:
-    others = 0
-    for index, path in enumerate(paths):
+    read: list[bool] = []
+
+    def load(path: Path) -> GreySamples:
         samples = read_samples(path)
-        others += samples.dtype != np.uint8 if stretch is None else not stretch.suits(samples)
-        yield NamedImage(float(index), path.name, show_in_grey(samples, stretch))
-    if others:
+        read.append(samples.dtype != np.uint8 if stretch is None else not stretch.suits(samples))
+        return show_in_grey(samples, stretch)
+
+    for index, path in enumerate(paths):
+        yield NamedImage(float(index), path.name, partial(load, path))
+    others = sum(read)
+    if others and len(read) == len(paths):
         note = (
             f"{others} of {len(paths)} photos have {'more than ' if stretch is None else ''}8 bits "
             "a sample and the others not: their greys are not alike; save all with one depth"

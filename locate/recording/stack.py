@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import cv2
@@ -51,7 +51,7 @@ class TiffStack:
             image = show_in_grey(self._read_page(row), self.stretch)
             size = size or image.shape
             if image.shape == size:
-                yield NamedImage(row / PAGE_RATE, self._path.name, image)
+                yield NamedImage(row / PAGE_RATE, self._path.name, partial(np.asarray, image))
             else:
                 others[f"{image.shape[1]}x{image.shape[0]}"] += 1
         notes = [

@@ -14,7 +14,8 @@ def picture_stream(container: "av.container.InputContainer") -> "av.VideoStream"
 def describe_other_streams(container: "av.container.InputContainer") -> list[str]:
     """A note on further video streams, of a second lens or a smaller copy, where there are any."""
     chosen = picture_stream(container)
-    others = [s for s in container.streams.video if s is not chosen and not _is_cover(s)]
+    videos = [stream for stream in container.streams.video if _pixels(stream)]
+    others = [stream for stream in videos if stream is not chosen and not _is_cover(stream)]
     if not others:
         return []
     sizes = ", ".join(f"{stream.width}x{stream.height}" for stream in others)
@@ -29,4 +30,5 @@ def _is_cover(stream: "av.VideoStream") -> bool:
 
 
 def _pixels(stream: "av.VideoStream") -> int:
-    return stream.width * stream.height
+    """Of a frame; 0 where no codec tells."""
+    return 0 if stream.codec_context is None else stream.width * stream.height

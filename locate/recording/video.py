@@ -1,7 +1,8 @@
 """A video file, frame by frame as a player shows it: in time, shape, fields and orientation."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -35,13 +36,13 @@ class NamedImage(NamedTuple):
     Attributes:
         time_s: From the first one.
         name: Of what it comes from.
-        samples: (H, W), as deep as they are.
+        load: Gives it, (H, W) as deep as it is, until the next one is asked for.
         is_b_frame: Whether a codec made it of frames before and after it, with the fewest bits.
     """
 
     time_s: float
     name: str
-    samples: GreySamples
+    load: Callable[[], GreySamples]
     is_b_frame: bool = False
 
 
@@ -131,7 +132,7 @@ def first_video_image(path: Path) -> GreySamples:
         BadInputError: Not one can be decoded.
     """
     for image in video_images(path, []):
-        return image.samples
+        return image.load()
     raise BadInputError(f"{path}: not one frame of this video can be decoded")
 
 
@@ -154,13 +155,12 @@ def video_images(
         for frame in merge_fields(decoded.frames()):
             time_s = frame.time - start_s if frame.time is not None else len(times_s) / rate
             times_s.append(time_s)
-            image = grey_of_frame(frame, stretch)
             geometry = PictureGeometry.of(frame, stream)
             if len(times_s) == 1:
-                notes = [*describe_other_streams(container), *geometry.describe(image)]
-                _add_notes(warnings, path, notes)
-            is_b_frame = frame.pict_type == PictureType.B
-            yield NamedImage(time_s, path.name, geometry.show(image), is_b_frame)
+                notes = geometry.describe(grey_of_frame(frame, stretch))
+                _add_notes(warnings, path, [*describe_other_streams(container), *notes])
+            load = partial(_show, frame, geometry, stretch)
+            yield NamedImage(time_s, path.name, load, frame.pict_type == PictureType.B)
     if decoded.interlaced:
         _add_notes(warnings, path, [f"its frames are interlaced; {FILTER} deinterlaced them"])
     last_s = times_s[-1] if times_s else 0.0
@@ -168,6 +168,10 @@ def video_images(
         note = f"damaged or truncated; {len(times_s)} frames decoded, up to {last_s:.2f} s"
         _add_notes(warnings, path, [note])
     _add_notes(warnings, path, _describe_gaps(times_s))
+
+
+def _show(frame: av.VideoFrame, geometry: PictureGeometry, stretch: Stretch | None) -> GreySamples:
+    return geometry.show(grey_of_frame(frame, stretch))
 
 
 def _describe_gaps(times_s: list[float]) -> list[str]:

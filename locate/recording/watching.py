@@ -16,7 +16,8 @@ from locate.recording.motion import (
     measure_texture,
     median_motion,
 )
-from locate.recording.recording import Recording
+from locate.recording.recording import Recording, every_frame
+from locate.recording.sampling import LookedAt
 from locate.recording.shots import Continuity, CutFinder
 from locate.recording.spacing import FrameSpacer
 
@@ -52,7 +53,7 @@ class WatchedShot:
     """What is known of the shot that is used.
 
     Attributes:
-        frames: All of its frames that show something.
+        frames: All of its frames that were looked at and show something.
         spaced: Those of them that are even in image motion.
         still: The camera did not move.
         notes: What of the recording is left out.
@@ -90,18 +91,23 @@ class _Shot:
             self._spacer.add(seen.frame, seen.thumb)
             self._stillness.add(seen.image)
 
+    @property
+    def is_still(self) -> bool:
+        """Whether the camera did not move so far."""
+        return self._stillness is not None and self._stillness.is_still
+
     def finish(self) -> tuple[list[KeyFrame], list[KeyFrame], bool]:
         """The frames that show something, the spaced of them, and whether the camera is still."""
         textures = np.array(self._textures)
         visible = textures >= LEAST_TEXTURE
-        if not visible.any() or self._spacer is None or self._stillness is None:
+        if not visible.any() or self._spacer is None:
             return [], [], False
         visible &= textures >= FAINT * np.median(textures[visible])
         visible[: self._start] = False
         kept = [frame for frame, shows in zip(self.frames, visible, strict=True) if shows]
         indices = {frame.index for frame in kept}
         spaced = [frame for frame in self._spacer.finish() if frame.index in indices]
-        return kept, spaced, self._stillness.is_still
+        return kept, spaced, self.is_still
 
     def _shows_more(self, seen: _WatchedFrame) -> bool:
         """The shot so far was faint in comparison: it begins anew."""
@@ -116,22 +122,26 @@ class _Shot:
 def watch_recording(
     recording: Recording,
     target_motion: float,
+    max_frames: int,
     progress: Progress | None,
     *,
     shot: int | None = None,
 ) -> WatchedShot:
-    """Reads every frame, tells the shots of a video apart, and describes the longest or the one.
+    """Looks at the frames, tells the shots of a video apart, and describes the longest or the one.
+
+    Of a long video not every frame is looked at, see `LookedAt`.
 
     Args:
         recording: What `open_recording` gave.
         target_motion: Median image motion wanted between neighbours, as a share of the width.
+        max_frames: The most key frames that are wanted.
         progress: Called with a stage name and half the fraction read; -1 where that is unknown.
         shot: The one to describe, from 1; None for the longest.
 
     Raises:
         BadInputError: Fewer than two frames, or fewer than two that show anything; no such shot.
     """
-    shots = _watch_shots(recording, target_motion, progress)
+    shots = _watch_shots(recording, target_motion, max_frames, progress)
     count = sum(len(shot.frames) for shot in shots)
     if count < 2:
         known = "".join(f"; {note}" for note in recording.warnings)
@@ -156,7 +166,7 @@ def watch_recording(
 
 
 def _watch_shots(
-    recording: Recording, target_motion: float, progress: Progress | None
+    recording: Recording, target_motion: float, max_frames: int, progress: Progress | None
 ) -> list[_Shot]:
     shots = [_Shot(target_motion, is_video=recording.is_video)]
     cuts = CutFinder()
@@ -173,7 +183,9 @@ def _watch_shots(
             shots[-1].add(each)
         waiting.clear()
 
-    for count, frame in enumerate(recording.frames(), start=1):
+    looked_at = LookedAt(recording.expected_frames, max_frames, lambda: shots[-1].is_still)
+    is_wanted = looked_at if recording.is_video else every_frame
+    for count, frame in enumerate(recording.frames(is_wanted), start=1):
         thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
         texture = measure_texture(thumb)
         motion_px = 0.0 if previous is None else median_motion(previous, thumb) * scale
@@ -195,7 +207,8 @@ def _watch_shots(
         previous = thumb
         if progress:
             total = recording.expected_frames
-            progress("watching the recording", 0.5 * min(1.0, count / total) if total else -1.0)
+            read = frame.index + 1 if recording.is_video else count
+            progress("watching the recording", 0.5 * min(1.0, read / total) if total else -1.0)
     assign(cuts.finish())
     return shots
 

@@ -143,7 +143,7 @@ def test_every_page_of_a_long_tiff_is_read_in_its_order(tmp_path: Path, wide: bo
     with tifffile.TiffWriter(path, bigtiff=wide) as writer:
         for page in pages:
             writer.write(page, photometric="minisblack", metadata=None)
-    shown = [int(image[0, 0]) for _, _, image in TiffStack(path).read([])]
+    shown = [int(image.load()[0, 0]) for image in TiffStack(path).read([])]
     assert len(shown) == 3000
     assert sorted(shown) == shown
     assert len(set(shown)) > 100
