@@ -11,7 +11,7 @@ from detect.information import DisplacementInformation
 from detect.response import Response
 from geometry.arrays import FloatMap, GreyImage
 from geometry.errors import BadInputError
-from geometry.npz import read_npz, save_arrays
+from geometry.npz import as_float32, read_npz, save_arrays
 from geometry.trajectory import Trajectory
 
 
@@ -103,7 +103,7 @@ class Detection:
         """
         arrays = read_npz(Path(path))
         try:
-            maps = {name: array.astype(np.float32) for name, array in arrays.items()}
+            maps = {name: as_float32(array) for name, array in arrays.items()}
             vector = maps.pop("information_vector", None)
             matrix = maps.pop("information_matrix", None)
             detection = cls(**maps)  # type: ignore[arg-type]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import ArrayLike
 
+from geometry.arrays import FloatMap
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 
@@ -48,6 +49,30 @@ def save_arrays(
             write(file, allow_pickle=False, **arrays)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written ({error})") from error
+
+
+def as_float32(array: np.ndarray[Any, Any]) -> FloatMap:
+    """An array of a file in single precision.
+
+    Raises:
+        ValueError: A number is too large for it.
+    """
+    try:
+        with np.errstate(over="raise"):
+            return array.astype(np.float32)
+    except FloatingPointError as error:
+        raise ValueError("a number is too large") from error
+
+
+def check_numbers(**arrays: np.ndarray[Any, Any]) -> None:
+    """Refuses arrays of texts, by their names.
+
+    Raises:
+        ValueError: One holds no numbers.
+    """
+    texts = [name for name, array in arrays.items() if array.dtype.kind == "U"]
+    if texts:
+        raise ValueError(f"{texts[0]} holds no numbers")
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
+from geometry.quaternions import rotation_of
 from geometry.similarity import Similarity
 
 SCHEMA = "locate.trajectory/1"
@@ -168,7 +169,7 @@ class Trajectory:
                 camera=Camera.from_dict(content["camera"]),
                 indices=np.array([f["index"] for f in frames], dtype=np.int64),
                 times_s=np.array([f["time_s"] for f in frames], dtype=float),
-                rotations=Rotation.from_quat(quaternions).as_matrix().reshape(-1, 3, 3),
+                rotations=rotation_of(quaternions).as_matrix().reshape(-1, 3, 3),
                 translations=np.reshape([p["translation"] for p in poses], (-1, 3)).astype(float),
                 covariances=None if np.isnan(covariances).all() else covariances,
                 metric=content["units"] == "m",

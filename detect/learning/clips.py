@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.arrays import BoolArray
-from geometry.npz import open_arrays, save_arrays
+from geometry.npz import check_numbers, open_arrays, save_arrays
 
 Leaks = Literal["nozzle", "anywhere"]
 """Where the plumes of simulated clips leave."""
@@ -77,10 +77,12 @@ class TrainingClip:
         """
         with open_arrays(path, "a training clip") as file:
             inputs = file["inputs"]
+            displacements = file["displacements"]
+            check_numbers(inputs=inputs, displacements=displacements)
             surface = np.unpackbits(file["surface"], axis=-1, count=inputs.shape[-1])
             return cls(
                 inputs=inputs,
-                displacements=file["displacements"],
+                displacements=displacements,
                 surface=surface.astype(bool),
                 amplitude_px=float(file["amplitude_px"]),
             )

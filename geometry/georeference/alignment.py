@@ -10,6 +10,7 @@ from geometry.arrays import FloatArray
 from geometry.covariance import principal_sigmas, standard_deviations
 from geometry.errors import BadInputError
 from geometry.georeference.constraints import TANGENT, direction_jacobian, point_jacobian
+from geometry.quaternions import rotation_of
 from geometry.similarity import Similarity
 
 KNOWN = ("metric", "gravity", "located")
@@ -105,7 +106,7 @@ class Alignment:
         """
         try:
             apply_tangent = block["enu_from_scene"]
-            rotation = Rotation.from_quat(apply_tangent["rotation_xyzw"]).as_matrix()
+            rotation = rotation_of(apply_tangent["rotation_xyzw"]).as_matrix()
             translation = np.reshape(np.asarray(apply_tangent["translation"], dtype=float), 3)
             return cls(
                 target_from_source=Similarity(

@@ -10,7 +10,7 @@ import numpy as np
 from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
-from geometry.npz import read_npz, save_arrays
+from geometry.npz import check_numbers, read_npz, save_arrays
 from geometry.trajectory import Trajectory
 
 
@@ -59,6 +59,7 @@ class Reconstruction:
         points = read_npz(folder / "points.npz")
         try:
             content = parse_json((folder / "report.json").read_text())
+            _check_points(**points)
             ends = np.cumsum(points["visible_counts"])[:-1]
             return cls(
                 trajectory=trajectory,
@@ -70,3 +71,20 @@ class Reconstruction:
             )
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise BadInputError(f"{folder}: not a readable reconstruction ({error})") from error
+
+
+def _check_points(
+    points_in_world: FloatArray,
+    point_errors_px: FloatArray,
+    visible: IntArray,
+    visible_counts: IntArray,
+) -> None:
+    check_numbers(points_in_world=points_in_world, point_errors_px=point_errors_px)
+    count = len(point_errors_px)
+    if points_in_world.shape != (count, 3) or point_errors_px.ndim != 1:
+        raise ValueError("its points have other shapes")
+    for rows in (visible, visible_counts):
+        if rows.ndim != 1 or rows.dtype.kind not in "iu":
+            raise ValueError("which points a frame sees is not told by rows")
+    if len(visible) and (visible.min() < 0 or visible.max() >= count):
+        raise ValueError("a frame sees points that are none")

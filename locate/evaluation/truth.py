@@ -10,7 +10,7 @@ from pydantic import BaseModel, FiniteFloat, ValidationError
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.errors import BadInputError, first_complaint
-from geometry.npz import read_npz
+from geometry.npz import as_float32, read_npz
 from geometry.trajectory import Trajectory
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -88,7 +88,7 @@ class SceneTruth:
             return None
         arrays = read_npz(path)
         try:
-            displacement, mask = arrays["displacement"].astype(np.float32), arrays["mask"] > 0
+            displacement, mask = as_float32(arrays["displacement"]), arrays["mask"] > 0
         except (KeyError, TypeError, ValueError) as error:
             raise BadInputError(f"{path}: not the truth of a frame ({error!r})") from error
         if mask.ndim != 2 or displacement.shape != (*mask.shape, 2):

@@ -12,6 +12,7 @@ from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
 from geometry.json_text import parse_json
+from geometry.trajectory import FARTHEST
 from locate.evaluation.plumes import pair_within_gate
 from locate.simulation.campaign import SCHEMA, Campaign
 from locate.survey.frame import offset_of
@@ -63,10 +64,17 @@ class CampaignTruth:
     ) -> Self:
         own = Georeference.from_dict(content["origin"])
         flights = content["flights"]
-        wind = np.append(np.mean([flight["wind_mps"] for flight in flights], axis=0), 0.0)
+        winds = np.array([flight["wind_mps"] for flight in flights], dtype=float)
+        if not (np.abs(winds) < FARTHEST).all():
+            raise ValueError("wind_mps: not a wind")
+        wind = np.append(np.mean(winds, axis=0), 0.0)
         sites = [np.array(site.position) + site.drift_s * wind for site in campaign.sites]
         columns = [flight["columns"] for flight in flights]
-        feet = [[column["source"] or [np.nan] * 3 for column in row] for row in columns]
+        feet = np.array(
+            [[column["source"] or [np.nan] * 3 for column in row] for row in columns], dtype=float
+        )
+        if (np.abs(feet) > FARTHEST).any():
+            raise ValueError("source: too far away")
 
         def to_survey_frame(points: Any) -> FloatArray:
             flat = frame.to_enu(own.lat_lon_height(np.reshape(points, (-1, 3))))
@@ -76,7 +84,7 @@ class CampaignTruth:
             names=tuple(flight["name"] for flight in flights),
             sites=to_survey_frame(np.reshape(sites, (-1, 3))),
             standing=np.array([[column["on"] for column in row] for row in columns], dtype=bool),
-            feet=to_survey_frame(np.array(feet, dtype=float)),
+            feet=to_survey_frame(feet),
             chance=np.array([[column["probability"] for column in row] for row in columns]),
         )
 

@@ -149,6 +149,7 @@ def _bend(array: np.ndarray, what: str, number: int) -> np.ndarray:
 
 
 def _cast(array: np.ndarray, target: np.dtype) -> np.ndarray:
+    array = array.real if array.dtype.kind == "c" else array
     try:
         with np.errstate(all="ignore"):
             return array.astype(target)

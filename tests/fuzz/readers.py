@@ -327,7 +327,11 @@ def _read_metadata(path: Path) -> None:
         metadata = {"calibration": path.read_text(errors="replace")}
     if not isinstance(metadata, dict):
         metadata = {"calibration": metadata}
-    network = EvidenceNetwork(_write_network(path.parent, **metadata))
+    try:
+        written = _write_network(path.parent, **metadata)
+    except UnicodeEncodeError:
+        return
+    network = EvidenceNetwork(written)
     network.read_response()
     network.read_calibration()
     network.network(np.ones((CHANNELS, 9, 10), np.float32))

@@ -36,6 +36,7 @@ from locate.recording.recording import open_recording
 from locate.simulation.photo_set import PhotoSet
 from locate.survey.flights import read_config
 from tests.fuzz.bounds import read_bounded
+from tests.fuzz.readers import READERS
 from tests.locate.answers import orbit
 from tests.locate.survey_runs import FIELD, Flown, answer
 
@@ -235,3 +236,60 @@ def test_a_video_of_more_pixels_than_cameras_have_is_refused(
     monkeypatch.setattr("locate.recording.video.MOST_PIXELS", 64 * 63)
     with pytest.raises(BadInputError, match="megapixels"):
         open_recording(path)
+
+
+def test_a_video_of_a_codec_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    READERS["a.mkv"].write(tmp_path)
+    path.write_bytes(path.read_bytes().replace(b"V_MPEG4", b"V_NO_SU"))
+    with pytest.raises(BadInputError, match="no codec that can be decoded"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("number", [1e155, 1e200, 1e300])
+def test_quaternions_whose_squares_overflow_are_refused(tmp_path: Path, number: float) -> None:
+    content = orbit(3).to_dict()
+    content["frames"][0]["cam_from_world"]["rotation_xyzw"][0] = number
+    (tmp_path / "trajectory.json").write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match="rotation_xyzw: a quaternion is zero or far too long"):
+        read_poses(tmp_path / "trajectory.json")
+
+
+def test_a_displacement_too_large_for_single_precision_is_refused(tmp_path: Path) -> None:
+    READERS["truth of a frame"].write(tmp_path)
+    path = tmp_path / "truth" / "000000.npz"
+    save_arrays(path, displacement=np.full((6, 8, 2), 1e50), mask=np.ones((6, 8), bool))
+    with pytest.raises(BadInputError, match="too large"):
+        READERS["truth of a frame"].read(path)
+
+
+@pytest.mark.parametrize("wind", [float("inf"), 1e308])
+def test_a_campaign_with_a_wind_that_is_none_is_refused(tmp_path: Path, wind: float) -> None:
+    reader = READERS["truth of a campaign"]
+    reader.write(tmp_path)
+    content = json.loads((tmp_path / reader.file).read_text())
+    content["flights"][0]["wind_mps"][0] = wind
+    (tmp_path / reader.file).write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match="not a wind"):
+        reader.read(tmp_path / reader.file)
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("points of a reconstruction", {"visible": np.int64(0)}),
+        ("points of a reconstruction", {"visible": np.full(12, 5)}),
+        ("points of a reconstruction", {"point_errors_px": np.array(["a"] * 5)}),
+        ("shard", {"displacements": np.full((2, 8, 8, 2), "a")}),
+        ("training clip", {"displacements": np.full((2, 8, 8, 2), "a")}),
+    ],
+)
+def test_arrays_of_another_kind_are_refused(
+    tmp_path: Path, name: str, changed: dict[str, np.ndarray]
+) -> None:
+    reader = READERS[name]
+    reader.write(tmp_path)
+    reader.read(tmp_path / reader.file)
+    save_arrays(tmp_path / reader.file, **read_npz(tmp_path / reader.file) | changed)
+    with pytest.raises(BadInputError):
+        reader.read(tmp_path / reader.file)
