@@ -9,7 +9,7 @@ import numpy as np
 
 from detect.information import DisplacementInformation
 from detect.response import Response
-from geometry.arrays import FloatMap, GreyImage
+from geometry.arrays import FloatMap, GreyImage, IntArray
 from geometry.errors import BadInputError
 from geometry.npz import as_float32, read_npz, save_arrays
 from geometry.trajectory import Trajectory
@@ -25,11 +25,14 @@ class Frames:
             its motion is unknown.
         full_size: The same frames with more pixels, undistorted, N images (H', W') of float32 grey
             levels; None where there are none.
+        b_frames: Rows of the B frames: a codec made them of frames before and after, with the
+            fewest bits.
     """
 
     images: Sequence[GreyImage]
     trajectory: Trajectory | None = None
     full_size: Sequence[FloatMap] | None = None
+    b_frames: Sequence[int] | IntArray = ()
 
     def __len__(self) -> int:
         return len(self.images)

@@ -109,7 +109,7 @@ class RegisteredDetector:
             raise BadInputError(
                 f"no frame shows parallax against frame {index}; use bos for a still camera"
             )
-        rows = choose_neighbours(trajectory, index, inverse_depth, self._count)
+        rows = choose_neighbours(trajectory, index, inverse_depth, self._count, frames.b_frames)
         if len(rows) < 2:
             return None
         key = frames.images[index]

@@ -78,6 +78,7 @@ def halve_frames(frames: Frames, trajectory: Trajectory) -> Frames:
         images=ConvertedImages(frames.images, halve),
         trajectory=replace(trajectory, camera=camera),
         full_size=full_size,
+        b_frames=frames.b_frames,
     )
 
 

@@ -1,5 +1,7 @@
 """Which other frames separate refraction from parallax in this one."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -18,7 +20,11 @@ MIN_OVERLAP = 0.5
 
 
 def choose_neighbours(
-    trajectory: Trajectory, index: int, inverse_depth: float, count: int
+    trajectory: Trajectory,
+    index: int,
+    inverse_depth: float,
+    count: int,
+    b_frames: Sequence[int] | IntArray = (),
 ) -> list[int]:
     """Frames on both sides of the path whose parallax fits, nearest first.
 
@@ -27,6 +33,7 @@ def choose_neighbours(
         index: Row of the frame in question.
         inverse_depth: What is typical of its scene, 1 / world unit.
         count: How many neighbours; fewer where the path is short.
+        b_frames: Rows of frames that serve only where the others are too few.
 
     Returns:
         Rows of the trajectory, by parallax; half before and half after `index`, more of one side
@@ -35,6 +42,8 @@ def choose_neighbours(
     parallax = parallax_shares(trajectory, index, inverse_depth)
     rows = np.arange(len(trajectory))
     usable = (parallax > 0) & (parallax < MOST_PARALLAX)
+    well_coded = usable & ~np.isin(rows, b_frames)
+    usable = well_coded if well_coded.sum() >= count else usable
     before, after = rows[:index][usable[:index]], rows[index + 1 :][usable[index + 1 :]]
     from_before = min(len(before), max(count // 2, count - len(after)))
     chosen = _closest_rows(before, parallax, from_before)

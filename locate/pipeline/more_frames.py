@@ -36,11 +36,12 @@ class MoreFrames:
         parent: Path,
         progress: Callable[[float], None],
     ) -> tuple[list[int], list[Detection]]:
-        """The indices of the frames, and their detections.
+        """The indices of the frames, and their detections; none where no frame is left.
 
         Args:
             posed: The frames.
-            skip: Indices of those that are measured already.
+            skip: Indices of those that are measured already. B frames are left out too: a codec
+                spoils them alike from view to view.
             parent: Holds a file a frame meanwhile; an interrupted run goes on from what is there.
             progress: Receives the share done, from 0 to 1.
         """
@@ -49,7 +50,7 @@ class MoreFrames:
             self.make,
             parent / FOLDER,
             most=self.most,
-            skip=skip,
+            skip=sorted({*skip, *posed.b_frames}),
             jobs=self.jobs,
             report=lambda _stage, share: progress(share),
         )

@@ -162,7 +162,7 @@ def frames_with_poses(files: RunFiles, key_frames: KeyFrames) -> PosedFrames:
         camera=trajectory.camera,
         trajectory=trajectory,
         full_size=key_frames.full_size,
-        b_frames=key_frames.b_frames,
+        b_frames=np.intersect1d(trajectory.indices, key_frames.b_frames),
     )
 
 

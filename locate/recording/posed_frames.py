@@ -33,7 +33,7 @@ class PosedFrames:
         stretch: Of the recording, where the images are its own files of 16 bits.
         full_size: Width and height of the same frames in the folder `FULL_SIZE`, px; None where
             there are none.
-        b_frames: Indices in the recording of its B frames, on which a codec spends the fewest bits.
+        b_frames: Which indices are of B frames, on which a codec spends the fewest bits.
     """
 
     folder: Path
@@ -57,6 +57,7 @@ class PosedFrames:
             images=self._images(),
             trajectory=self.undistorted_trajectory(),
             full_size=self._full_size_images(),
+            b_frames=self.rows_of(self.b_frames),
         )
 
     def steady(self) -> SteadyImages:

@@ -102,6 +102,20 @@ def test_neighbours_lie_on_both_sides_by_parallax(walls_without_plume: TwoWalls)
     assert distances == sorted(distances)
 
 
+def test_b_frames_are_neighbours_where_the_others_are_too_few(
+    walls_without_plume: TwoWalls,
+) -> None:
+    trajectory = trajectory_of(walls_without_plume.frames)
+    key = walls_without_plume.key
+    rows = np.arange(len(trajectory))
+    b_frames = rows[rows % 2 != key % 2]
+    chosen = choose_neighbours(trajectory, key, 1 / 12, 4, b_frames)
+    assert len(chosen) == 4
+    assert not set(chosen) & set(b_frames.tolist())
+    everything = choose_neighbours(trajectory, key, 1 / 12, 4)
+    assert choose_neighbours(trajectory, key, 1 / 12, 4, rows) == everything
+
+
 def test_at_the_end_of_the_path_one_side_gives_them_all(walls_without_plume: TwoWalls) -> None:
     trajectory = trajectory_of(walls_without_plume.frames)
     assert len(choose_neighbours(trajectory, 0, 1 / 12, 6)) == 6
