@@ -2,11 +2,12 @@
 
     python -m benchmarks.scenes physical --sizes 640 --gases air --radii 0.12 --ranges 8.5
     python -m benchmarks.scenes physical --sizes 1920 --codings lossless h264_0.2 h265_0.1
+    python -m benchmarks.scenes physical --sizes 1280 --gases none --codings h264_0.2
 
-Random plants whose leak is air of 438 K, or methane as warm as the air around it; no strength is
-set in px. The lens is the same at each size, the noise 1/255 in every pixel. Each leak and size is
-rendered once, losslessly, and kept in the work folder; other codings, with that many bits a pixel,
-are made of it. A frame of 3840 px takes half a minute to render.
+Random plants whose leak is air of 438 K, or methane as warm as the air around it, or that have
+none; no strength is set in px. The lens is the same at each size, the noise 1/255 in every pixel.
+Each leak and size is rendered once, losslessly, and kept in the work folder; other codings, with
+that many bits a pixel, are made of it. A frame of 3840 px takes half a minute to render.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from locate.pipeline.run import Run
 from locate.simulation import Scene, random_scene, simulate
 
 TEMPERATURES_K = {"air": 438.0, "methane": AMBIENT_TEMPERATURE_K}
+NO_LEAK = "none"
 SIZES = {640: 480, 1280: 720, 1920: 1080, 3840: 2160}
 """Height of the frames of each width, px."""
 FOCAL_WIDTHS = 560 / 640
@@ -33,27 +35,30 @@ FOCAL_WIDTHS = 560 / 640
 
 @dataclass(frozen=True, kw_only=True)
 class Leak:
-    """What leaks, how wide, and how far away."""
+    """What leaks, if anything does, how wide, and how far away."""
 
     gas: str
     radius_m: float
     range_m: float
 
     def scene(self, seed: int, width: int, frames: int) -> Scene:
-        scene = random_scene(seed, plume=True, frames=frames)
+        scene = random_scene(seed, plume=self.gas != NO_LEAK, frames=frames)
         camera = scene.camera.model_copy(
             update={"width": width, "height": SIZES[width], "focal_px": FOCAL_WIDTHS * width}
         )
-        plume = scene.plumes[0].model_copy(
-            update={
-                "gas": self.gas,
-                "temperature_k": TEMPERATURES_K[self.gas],
-                "radius_m": self.radius_m,
-                "amplitude_px": None,
-            }
+        plumes = tuple(
+            plume.model_copy(
+                update={
+                    "gas": self.gas,
+                    "temperature_k": TEMPERATURES_K[self.gas],
+                    "radius_m": self.radius_m,
+                    "amplitude_px": None,
+                }
+            )
+            for plume in scene.plumes
         )
         path = scene.path.model_copy(update={"radius_m": self.range_m})
-        return scene.model_copy(update={"camera": camera, "path": path, "plumes": (plume,)})
+        return scene.model_copy(update={"camera": camera, "path": path, "plumes": plumes})
 
     def __str__(self) -> str:
         return f"{self.gas}_{self.radius_m:g}m_at_{self.range_m:g}m"
@@ -67,8 +72,9 @@ def film(folder: Path, scene: Scene) -> Path:
 
 
 def strength_px(folder: Path) -> float:
-    """95th percentile of |w| over the plume, as physics made it."""
-    return float(json.loads((folder / "truth.json").read_text())["plumes"][0]["amplitude_px"])
+    """95th percentile of |w| over the plume, as physics made it; 0 without one."""
+    plumes = json.loads((folder / "truth.json").read_text())["plumes"]
+    return max((float(plume["amplitude_px"]) for plume in plumes), default=0.0)
 
 
 def row(folder: Path, recording: Path, name: str, effort: str) -> str:
@@ -83,16 +89,17 @@ def row(folder: Path, recording: Path, name: str, effort: str) -> str:
     cpu_s = sum(stage.cpu_s for stage in job.folder.times)
     evaluation = evaluate_map(plume_map, Trajectory.load(output / "trajectory.json"), folder)
     found = "; ".join(f"{p.error_percent:.2f} %, NEES {p.nees:.1f}" for p in evaluation.plumes)
+    missed = "missed" if evaluation.misses else "no leak"
     limit_px = plume_map.detection_limit_px
     return (
-        f"{name} | {strength_px(folder):.3f} px | {found or 'missed'} | "
+        f"{name} | {strength_px(folder):.3f} px | {found or missed} | "
         f"false {len(evaluation.false_plumes)} | "
         f"limit {'none' if limit_px is None else f'{limit_px:.3f} px'} | {cpu_s:.0f} CPU s"
     )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--gases", nargs="+", choices=list(TEMPERATURES_K), default=["air"])
+    parser.add_argument("--gases", nargs="+", choices=[*TEMPERATURES_K, NO_LEAK], default=["air"])
     parser.add_argument("--radii", type=float, nargs="+", default=[0.06, 0.12], help="m")
     parser.add_argument("--ranges", type=float, nargs="+", default=[5.0, 8.5, 15.0], help="m")
     parser.add_argument("--sizes", type=int, nargs="+", choices=list(SIZES), default=[640, 1280])
