@@ -103,24 +103,31 @@ def sum_evidence(
     """
     total = np.zeros(box.shape, np.float32)
     weight = np.zeros(box.shape, np.float32)
-    columns, rows = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in box.shape[:0:-1]))
+    background = np.empty(box.shape, np.float32)
+    rows, columns = (np.arange(count, dtype=np.float32) for count in box.shape[1:])
     size = box.shape[:0:-1]
     flags = cv2.WARP_INVERSE_MAP
     for i in range(len(trajectory)):
-        for k, homography in enumerate(box.pixels_from_slices(trajectory, i)):
-            depth = homography[2, 0] * columns + homography[2, 1] * rows + homography[2, 2]
-            depth = depth.astype(np.float32)
-            background = cv2.warpPerspective(
+        homographies = box.pixels_from_slices(trajectory, i)
+        by_column, by_row, _ = homographies[0, 2]
+        plane = by_column * columns + by_row * rows[:, None]
+        depth = (plane + homographies[:, 2, 2, None, None]).astype(np.float32)
+        for homography, layer in zip(homographies, background, strict=True):
+            cv2.warpPerspective(
                 inverse_depth[i],
                 homography,
                 size,
+                dst=layer,
                 flags=flags | cv2.INTER_NEAREST,
                 borderValue=np.nan,
             )
-            gate = lever_gate(depth, np.asarray(background, np.float32)) * (depth > 0)
-            if not gate.any():
-                continue
-            seen = cv2.warpPerspective(llr[i], homography, size, flags=flags | cv2.INTER_LINEAR)
-            total[k] += gate * seen
-            weight[k] += gate
+        gate = lever_gate(depth, background)
+        gate *= depth > 0
+        for k in np.flatnonzero(gate.any(axis=(1, 2))):
+            seen = cv2.warpPerspective(
+                llr[i], homographies[k], size, flags=flags | cv2.INTER_LINEAR
+            )
+            seen *= gate[k]
+            total[k] += seen
+        weight += gate
     return EvidenceGrid(box=box, llr=total, weight=weight)

@@ -7,7 +7,8 @@ Baarda 1973; Triggs et al., Bundle Adjustment, 2000, section 9). No camera is sp
 left out.
 """
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, Self
 
 import numpy as np
 import pycolmap
@@ -19,47 +20,83 @@ from geometry.sfm.features import THREADS
 TiedBy = Literal["tracks", "SIFT"]
 """What ties frames together."""
 INFLATION: dict[TiedBy, float] = {"tracks": 4.5, "SIFT": 3.0}
-"""Factor on the formal standard deviations; how it was set is at `pose_covariances`."""
+"""Factor on the formal standard deviations; what it gives is at `AdjustmentErrors`."""
 
 
-def pose_covariances(
-    model: pycolmap.Reconstruction,
-    image_ids: list[int],
-    *,
-    refined_camera: bool,
-    tied_by: TiedBy,
-) -> FloatArray | None:
-    """Covariances of the poses, scaled by the observed reprojection error and inflated.
+@dataclass(frozen=True, kw_only=True)
+class AdjustmentErrors:
+    """What an adjusted model may have wrong.
 
-    The formal covariance takes features for independent; those of one track share their error, and
-    a tracked one is seen in more frames than one of SIFT. NEES per degree of freedom is 0.3 to 2.0
-    on rendered orbits by tracks, 0.7 to 4.2 by SIFT, and 5 on surveyed photos with a known camera
-    (`python -m benchmarks.sfm` prints it). What a wrong camera model does to all
-    poses together, a principal point off the centre above all, is not in it.
+    The formal covariance is scaled by the observed reprojection error and inflated: it takes
+    features for independent; those of one track share their error, and a tracked one is seen in
+    more frames than one of SIFT. NEES per degree of freedom is 0.3 to 2.0 on rendered orbits by
+    tracks, 0.7 to 4.2 by SIFT, and 5 on surveyed photos with a known camera (`python -m
+    benchmarks.sfm` prints it). What a wrong camera model does to all poses together, a principal
+    point off the centre above all, is not in it.
 
-    Args:
-        model: An adjusted reconstruction.
-        image_ids: The N images asked for, all registered.
-        refined_camera: The intrinsics were estimated too, and share the uncertainty.
-        tied_by: What the adjusted features are.
-
-    Returns:
-        (N, 6, 6) of world_from_cam, [rotation (rad), translation (model units)], right tangent;
-        None where the problem is too weak for a covariance.
+    Attributes:
+        model: The reconstruction.
+        estimate: Its covariance for unit pixel noise; None where the problem is too weak for one.
+        residual_sigma_px: Robust standard deviation of a coordinate of the reprojection error.
+        inflation: Factor on the formal standard deviations, beside that one.
     """
-    joint = formal_covariance(model, image_ids, refined_camera=refined_camera)
-    if joint is None:
-        return None
-    n = len(image_ids)
-    blocks = joint.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
-    return np.asarray(blocks * (INFLATION[tied_by] * residual_sigma_px(model)) ** 2)
+
+    model: pycolmap.Reconstruction
+    estimate: pycolmap.BACovariance | None
+    residual_sigma_px: float
+    inflation: float
+
+    @classmethod
+    def of(cls, model: pycolmap.Reconstruction, *, refined_camera: bool, tied_by: TiedBy) -> Self:
+        """Of a model.
+
+        Args:
+            model: An adjusted reconstruction.
+            refined_camera: The intrinsics were estimated too, and share the uncertainty.
+            tied_by: What the adjusted features are.
+        """
+        return cls(
+            model=model,
+            estimate=estimate_covariance(model, refined_camera=refined_camera),
+            residual_sigma_px=residual_sigma_px(model),
+            inflation=INFLATION[tied_by],
+        )
+
+    def pose_covariances(self, image_ids: list[int]) -> FloatArray | None:
+        """Covariances of N poses.
+
+        Args:
+            image_ids: The images asked for, all registered.
+
+        Returns:
+            (N, 6, 6) of world_from_cam, [rotation (rad), translation (model units)], right tangent;
+            None where the problem is too weak for a covariance.
+        """
+        joint = formal_covariance(self.model, image_ids, self.estimate)
+        if joint is None:
+            return None
+        n = len(image_ids)
+        blocks = joint.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
+        return np.asarray(blocks * (self.inflation * self.residual_sigma_px) ** 2)
+
+    @property
+    def focal_sigma_px(self) -> float | None:
+        """Standard deviation of an estimated focal length, px, inflated as the poses are.
+
+        None where it was given, or the problem is too weak for one.
+        """
+        (camera,) = self.model.cameras.values()
+        joint = None if self.estimate is None else self.estimate.get_other_params_cov(camera.params)
+        if joint is None or not np.isfinite(joint).all():
+            return None
+        return float(np.sqrt(joint[0, 0]) * self.inflation * self.residual_sigma_px)
 
 
 def formal_covariance(
-    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
+    model: pycolmap.Reconstruction, image_ids: list[int], estimate: pycolmap.BACovariance | None
 ) -> FloatArray | None:
     """(6N, 6N) joint covariance for unit pixel noise, gauge freedom removed, gtsam's tangent."""
-    gauge_fixed = _gauge_fixed_covariance(model, image_ids, refined_camera=refined_camera)
+    gauge_fixed = None if estimate is None else _gauge_fixed_covariance(model, image_ids, estimate)
     if gauge_fixed is None or not np.isfinite(gauge_fixed).all():
         return None
     poses = [model.image(i).cam_from_world() for i in image_ids]
@@ -119,11 +156,12 @@ def skew_matrices(vectors: FloatArray) -> FloatArray:
 
 def residual_sigma_px(model: pycolmap.Reconstruction) -> float:
     """Robust standard deviation of one coordinate of the reprojection error, px."""
+    world = {number: point.xyz for number, point in model.points3D.items()}
     residuals = []
     for image_id in model.reg_image_ids():
         image = model.image(image_id)
-        seen = [point for point in image.points2D if point.has_point3D()]
-        points = np.array([model.point3D(p.point3D_id).xyz for p in seen]).reshape(-1, 3)
+        seen = image.get_observation_points2D()
+        points = np.array([world[point.point3D_id] for point in seen]).reshape(-1, 3)
         pose = image.cam_from_world()
         in_cam = points @ pose.rotation.matrix().T + pose.translation
         camera = model.camera(image.camera_id)
@@ -135,26 +173,8 @@ def residual_sigma_px(model: pycolmap.Reconstruction) -> float:
     return float(MAD_TO_SIGMA * np.median(np.abs(stacked)) * lost)
 
 
-def focal_sigma_px(model: pycolmap.Reconstruction, tied_by: TiedBy) -> float | None:
-    """Standard deviation of the focal length of an adjusted camera, px, inflated as the poses are.
-
-    None where the problem is too weak for one.
-    """
-    estimate = _estimate_covariance(
-        model, pycolmap.BACovarianceOptionsParams.ALL, refined_camera=True
-    )
-    (camera,) = model.cameras.values()
-    joint = None if estimate is None else estimate.get_other_params_cov(camera.params)
-    if joint is None or not np.isfinite(joint).all():
-        return None
-    return float(np.sqrt(joint[0, 0]) * INFLATION[tied_by] * residual_sigma_px(model))
-
-
-def _estimate_covariance(
-    model: pycolmap.Reconstruction,
-    params: pycolmap.BACovarianceOptionsParams,
-    *,
-    refined_camera: bool,
+def estimate_covariance(
+    model: pycolmap.Reconstruction, *, refined_camera: bool
 ) -> pycolmap.BACovariance | None:
     """Covariance for unit pixel noise, where the gauge holds two cameras."""
     options = pycolmap.BundleAdjustmentOptions()
@@ -168,19 +188,15 @@ def _estimate_covariance(
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
     wanted = pycolmap.BACovarianceOptions()
-    wanted.params = params
+    params = pycolmap.BACovarianceOptionsParams
+    wanted.params = params.ALL if refined_camera else params.POSES
     return pycolmap.estimate_ba_covariance(wanted, model, adjuster)
 
 
 def _gauge_fixed_covariance(
-    model: pycolmap.Reconstruction, image_ids: list[int], *, refined_camera: bool
+    model: pycolmap.Reconstruction, image_ids: list[int], estimate: pycolmap.BACovariance
 ) -> FloatArray | None:
     """(6N, 6N) in COLMAP's tangent, zero where the gauge holds two cameras."""
-    estimate = _estimate_covariance(
-        model, pycolmap.BACovarianceOptionsParams.POSES, refined_camera=refined_camera
-    )
-    if estimate is None:
-        return None
     blocks = {i: estimate.get_cam_cov_from_world(i) for i in image_ids}
     free = _free_rows(model, blocks)
     if free is None:

@@ -16,7 +16,7 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError, LocateError, RegistrationError, RegistrationFailure
 from geometry.lens_calibration import LensName
 from geometry.sfm import checks, features, mapping, pairing, result, summary, tracks, zooms
-from geometry.sfm.covariance import TiedBy, focal_sigma_px, pose_covariances
+from geometry.sfm.covariance import AdjustmentErrors, TiedBy
 from geometry.sfm.gauge import normalising_transform
 from geometry.sfm.job import MappingJob, Progress, ProgressMeter
 
@@ -287,10 +287,10 @@ def _finish_reconstruction(
             scene_from_model.translation,
         )
     )
-    covariances = pose_covariances(model, ids, refined_camera=job.refine, tied_by=tied_by)
+    errors = AdjustmentErrors.of(model, refined_camera=job.refine, tied_by=tied_by)
     points = scene_from_model(points)
     trajectory = summary.model_trajectory(
-        model, ids, job.indices[rows], job.times_s[rows], covariances
+        model, ids, job.indices[rows], job.times_s[rows], errors.pose_covariances(ids)
     )
     report = summary.quality_report(model, trajectory, points, visible)
     report |= {
@@ -304,7 +304,8 @@ def _finish_reconstruction(
         "second_opinion_frames": solution.difference.count,
         "epipolar_support": _epipolar_support(model, job),
         "focal_prior_px": job.focal_prior_px,
-        "focal_sigma_px": focal_sigma_px(model, tied_by) if job.refine else None,
+        "residual_sigma_px": errors.residual_sigma_px,
+        "focal_sigma_px": errors.focal_sigma_px if job.refine else None,
         "up_from": up_source,
     }
     checks.check_quality(report, ordered=job.ordered)

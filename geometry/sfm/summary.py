@@ -8,7 +8,6 @@ import pycolmap
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.sfm.checks import path_roughness
-from geometry.sfm.covariance import residual_sigma_px
 from geometry.trajectory import Trajectory
 
 
@@ -107,7 +106,6 @@ def quality_report(
         "points": len(points_in_world),
         "points_per_image": float(np.median([len(rows) for rows in visible])),
         "reprojection_px": float(model.compute_mean_reprojection_error()),
-        "residual_sigma_px": residual_sigma_px(model),
         "focal_px": poses.camera.focal_px,
         "triangulation_angle_deg": float(np.median(angles)) if len(angles) else 0.0,
         "roughness": path_roughness(poses.centers_in_world, poses.indices),

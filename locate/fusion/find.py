@@ -83,8 +83,9 @@ def find_plumes(
     """
     # 1. Columns in which the evidence of pixels adds up.
     pixels = views.by_pixels
+    # Their displacement is not needed yet: masking it would cost more than masking the evidence.
     fused = by_pixels or fuse(
-        pixels,
+        pixels.with_evidence(pixels.llr, ()),
         seed=seed,
         progress=lambda share: progress(FUSION_SHARE * share),
         least_nats=detector.clutter_nats * len(pixels),

@@ -8,10 +8,11 @@ import pycolmap
 import pytest
 
 from geometry.sfm.covariance import (
+    AdjustmentErrors,
+    estimate_covariance,
     formal_covariance,
     gauge_projector,
     gtsam_from_colmap_tangent,
-    pose_covariances,
 )
 
 X, P = gtsam.symbol_shorthand.X, gtsam.symbol_shorthand.P
@@ -71,7 +72,7 @@ def gauge_free(model: pycolmap.Reconstruction, ids: list[int], joint: np.ndarray
 @pytest.mark.parametrize("seed", [1, 2, 3, 10])
 def test_same_as_gtsam(seed: int) -> None:
     model, ids = synthetic_model(seed)
-    ours = formal_covariance(model, ids, refined_camera=False)
+    ours = formal_covariance(model, ids, estimate_covariance(model, refined_camera=False))
     theirs = gauge_free(model, ids, gtsam_marginals(model, ids))
     assert ours is not None
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
@@ -90,7 +91,8 @@ def test_every_pose_has_a_covariance() -> None:
     noise = pycolmap.SyntheticNoiseOptions()
     noise.point2D_stddev = 0.5
     pycolmap.synthesize_noise(noise, model)
-    covariances = pose_covariances(model, ids, refined_camera=True, tied_by="SIFT")
+    errors = AdjustmentErrors.of(model, refined_camera=True, tied_by="SIFT")
+    covariances = errors.pose_covariances(ids)
     assert covariances is not None
     assert covariances.shape == (6, 6, 6)
     assert np.isfinite(covariances).all()
@@ -104,7 +106,8 @@ def test_no_covariance_where_the_gauge_holds_no_camera(monkeypatch: pytest.Monke
         get_cam_cross_cov_from_world=lambda _a, _b: np.zeros((6, 6)),
     )
     monkeypatch.setattr(pycolmap, "estimate_ba_covariance", lambda *_: whole)
-    assert pose_covariances(model, ids, refined_camera=False, tied_by="SIFT") is None
+    errors = AdjustmentErrors.of(model, refined_camera=False, tied_by="SIFT")
+    assert errors.pose_covariances(ids) is None
 
 
 def test_gauge_projector_removes_similarities_and_nothing_else() -> None:

@@ -121,7 +121,7 @@ def test_what_is_displaced_on_one_side_alone_is_no_turn(truth: ColumnTruth) -> N
 def test_the_weaker_side_decides() -> None:
     sides = np.array([[3.0, 3.0, 3.0, -3.0], [3.0, 1.0, -3.0, -1.0]])
     root = np.sqrt(2)
-    np.testing.assert_allclose(join_sides(sides), [3 * root, root, 0, -root])
+    np.testing.assert_allclose(join_sides(*sides), [3 * root, root, 0, -root])
 
 
 def test_a_turn_is_antisymmetric_across_its_axis() -> None:
@@ -170,12 +170,12 @@ def test_a_known_plume_is_not_found_again(search: TurnSearch, plume: Plume) -> N
     assert search.find_plumes([plume], np.random.default_rng(1)).plumes == []
 
 
-def test_what_a_plume_explains_supports_no_other(
-    truth: ColumnTruth, search: TurnSearch, plume: Plume
-) -> None:
-    turn = find_turns(search.score, narrow_column(truth), np.random.default_rng(0))[0].column
+def test_what_a_plume_explains_supports_no_other(search: TurnSearch, plume: Plume) -> None:
+    own = column_of(plume)
+    (middle,) = own.cut_slabs(np.array([own.height / 2]), own.height / 2)
+    turn = middle.widened(1 / RADIUS_WIDTHS)
     beside = turn.shifted(np.array([0.1, 0.0])).as_columns
-    rest = search.score.without(column_of(plume))
+    rest = search.score.without(own)
     assert abs(search.score(turn.as_columns)[0]) > 10
     assert abs(rest(turn.as_columns)[0]) < 3
     assert abs(rest(beside)[0]) < abs(search.score(beside)[0])

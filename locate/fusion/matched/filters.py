@@ -8,7 +8,9 @@ the noise of any pixel stands out. The sides are kept apart, as a pole of a wron
 displaced as well, but to one side of the axis alone.
 """
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -66,6 +68,8 @@ class TurnFilters:
         self.views = views
         self._filtered = [FilteredView(information) for information in views.information]
         self._across = _common_direction(views)
+        matrix = views.trajectory.camera.matrix
+        self._focal_px, self._center_px = matrix.diagonal()[:2, None], matrix[:2, 2, None]
 
     def sample(self, points: FloatArray, widths: FloatArray, rises: FloatArray) -> TurnSamples:
         """What the views show at points of axes.
@@ -78,45 +82,73 @@ class TurnFilters:
         shape = (len(self.views), len(points))
         sigmas, per_px = np.zeros((2, SIDES, *shape), np.float32)
         weight = np.zeros(shape, np.float32)
+        by_axis, width = np.ascontiguousarray(points.T), self.views.llr.shape[2]
         for i, filtered in enumerate(self._filtered):
-            seen, in_cam, pixel = self._project(i, points)
-            depth = in_cam[:, 2]
-            size_px = self.views.trajectory.camera.focal_px * widths[seen] / depth
-            step = np.rint(2 * np.log2(size_px / NARROWEST_PX)).astype(np.int64)
-            shown = (step >= 0) & (step < WIDTHS)
-            if not shown.any():
+            shown = self._project(i, by_axis, widths)
+            if not len(shown.point):
                 continue
-            seen, in_cam, pixel, depth = seen[shown], in_cam[shown], pixel[shown], depth[shown]
-            normal = self._normal(i, in_cam, rises[seen])
-            found = filtered.look_up(step[shown], normal, pixel)
-            gate = lever_gate(
-                depth.astype(np.float32), self.views.inverse_depth[i][pixel[:, 1], pixel[:, 0]]
-            )
-            sigmas[:, i, seen], per_px[:, i, seen] = found
-            weight[i, seen] = gate * (found[1] > 0).any(axis=0)
+            normal = self._normal(i, shown, rises.take(shown.point, axis=0))
+            found = filtered.look_up(shown.step, normal, shown.x, shown.y)
+            background = self.views.inverse_depth[i].take(shown.y * width + shown.x)
+            gate = lever_gate(shown.depth, background)
+            sigmas[:, i, shown.point], per_px[:, i, shown.point] = found
+            weight[i, shown.point] = gate * ((found[1, 0] > 0) | (found[1, 1] > 0))
         return TurnSamples(sigmas=sigmas, weight=weight, sigmas_per_px=per_px)
 
-    def _project(self, i: int, points: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
-        """Which of the points a view shows, where they are before its camera, and their pixels."""
+    def _project(self, i: int, points: FloatArray, widths: FloatArray) -> "_ShownPoints":
+        """Where a view shows (3, M) points, of axes with turns of (M,) widths."""
         trajectory = self.views.trajectory
-        in_cam = trajectory.world_to_cam(i, points)
-        near = NEAREST_DEPTH_UNITS * self.views.unit
-        ahead = np.flatnonzero(in_cam[:, 2] > near)
-        in_cam = in_cam[ahead]
-        pixel = np.rint(trajectory.camera.project(in_cam))
+        nearest = NEAREST_DEPTH_UNITS * self.views.unit
+        in_cam = trajectory.rotations[i] @ points + trajectory.translations[i][:, None]
+        depth = in_cam[2]
+        ahead = depth > nearest
+        far = np.maximum(depth, nearest)
+        beside = in_cam[:2] / far
+        pixel = np.rint(beside * self._focal_px + self._center_px)
+        step = np.rint(2 * np.log2(trajectory.camera.focal_px / NARROWEST_PX * widths / far))
         height, width = self.views.llr.shape[1:]
-        inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
-        return ahead[inside], in_cam[inside], pixel[inside].astype(np.int64)
+        shown = ahead & (step >= 0) & (step < WIDTHS)
+        shown &= (pixel[0] >= 0) & (pixel[0] < width) & (pixel[1] >= 0) & (pixel[1] < height)
+        point = np.flatnonzero(shown)
+        x, y = pixel.take(point, axis=1).astype(np.int64)
+        return _ShownPoints(
+            point=point,
+            x=x,
+            y=y,
+            step=step.take(point).astype(np.int64),
+            depth=depth.take(point).astype(np.float32),
+            beside=beside.take(point, axis=1),
+        )
 
-    def _normal(self, i: int, in_cam: FloatArray, rises: FloatArray) -> FloatArray:
+    def _normal(self, i: int, shown: "_ShownPoints", rises: FloatArray) -> FloatArray:
         """(M,) angle across the axis in a view, from x to y; towards the same side in all views."""
         rotation = self.views.trajectory.rotations[i]
-        along = rises @ rotation.T
-        along = along[:, :2] - in_cam[:, :2] / in_cam[:, 2:] * along[:, 2:]
-        normal: FloatArray = np.arctan2(along[:, 0], -along[:, 1])
+        along = rotation @ rises.T
+        x, y = along[:2] - shown.beside * along[2]
+        normal: FloatArray = np.arctan2(x, -y)
         if rotation[0] @ self._across < 0:
             normal += np.pi
         return normal
+
+
+class _ShownPoints(NamedTuple):
+    """M points that a view shows.
+
+    Attributes:
+        point: (M,) which of those asked for.
+        x: (M,) pixel.
+        y: Likewise.
+        step: (M,) which of the widths of the filters.
+        depth: (M,) along the optical axis, world units.
+        beside: (2, M) x and y before the camera, in depths.
+    """
+
+    point: IntArray
+    x: IntArray
+    y: IntArray
+    step: IntArray
+    depth: FloatMap
+    beside: FloatArray
 
 
 class FilteredView:
@@ -142,22 +174,25 @@ class FilteredView:
         self._information = information
         self._summed: dict[int, tuple[FloatMap, ...]] = {}
 
-    def look_up(self, steps: IntArray, normals: FloatArray, pixels: IntArray) -> FloatMap:
+    def look_up(self, steps: IntArray, normals: FloatArray, x: IntArray, y: IntArray) -> FloatMap:
         """(2, 2, M) sigmas, and sigmas per px, of either side at M pixels; 0 if unknown.
 
         Args:
             steps: (M,) which of the widths.
             normals: (M,) angle across the axis, from x to y.
-            pixels: (M, 2) x and y.
+            x: (M,) of the pixels.
+            y: Likewise.
         """
         turns = np.rint(normals / (np.pi / DIRECTIONS)).astype(np.int64) % (2 * DIRECTIONS)
         codes = steps * DIRECTIONS + turns % DIRECTIONS
-        for code in np.unique(codes[~self._filled[codes]]).tolist():
+        wanted = np.zeros_like(self._filled)
+        wanted[codes] = True
+        for code in np.flatnonzero(wanted & ~self._filled).tolist():
             self._fill(code)
-        x, y = pixels.T >> steps // 2
-        x = np.minimum(x, self._widths[steps] - 1)
-        y = np.minimum(y, self._heights[steps] - 1)
-        found = self._table.take(self._starts[codes] + y * self._widths[steps] + x, axis=0)
+        halvings, widths = steps // 2, self._widths[steps]
+        x = np.minimum(x >> halvings, widths - 1)
+        y = np.minimum(y >> halvings, self._heights[steps] - 1)
+        found = self._table.take(self._starts[codes] + y * widths + x, axis=0)
         turned = turns >= DIRECTIONS
         found[turned] = found[turned, :, ::-1]
         return np.asarray(np.moveaxis(found, 0, -1), np.float32)
@@ -172,10 +207,11 @@ class FilteredView:
         across = cx * x + cy * y
         precision = cx * cx * xx + 2 * cx * cy * xy
         precision += cy * cy * yy
+        sides = [_filter_side(across, precision, turn * each) for each in (side > 0, side < 0)]
+        (first, first_per_px), (second, second_per_px) = sides
+        maps = cv2.merge([first, second, first_per_px, second_per_px])
         part = self._table[self._starts[code] : self._ends[code]]
-        for k, one_side in enumerate((side > 0, side < 0)):
-            for row, filtered in enumerate(_filter_side(across, precision, turn * one_side)):
-                part[:, row, k] = filtered.ravel()
+        part[:] = cv2.add(maps, 0.0, dtype=cv2.CV_16F).reshape(part.shape)
         self._filled[code] = True
 
     def _sum_cells(self, halvings: int) -> tuple[FloatMap, ...]:
@@ -189,7 +225,9 @@ class FilteredView:
         return self._summed[halvings]
 
 
-def turn_kernel(width_px: float, angle_rad: float) -> tuple[FloatMap, FloatMap, FloatArray]:
+def turn_kernel(
+    width_px: float, angle_rad: float
+) -> tuple[FloatMap, FloatMap, tuple[float, float]]:
     """The turn across an axis.
 
     Args:
@@ -198,11 +236,12 @@ def turn_kernel(width_px: float, angle_rad: float) -> tuple[FloatMap, FloatMap, 
 
     Returns:
         (K, K) the displacement along that direction at the pixels round the axis; (K, K) how far
-        along it they are; (2,) the direction.
+        along it they are; the x and y of the direction.
     """
     reach = int(np.ceil(REACH * width_px))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1] / width_px
-    direction = np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    # Plain floats: numpy's own would make every map of float32 that they touch float64.
+    direction = math.cos(angle_rad), math.sin(angle_rad)
     off = x * direction[0] + y * direction[1]
     along = (y * direction[0] - x * direction[1]) / LENGTH_SHARE
     return (off * np.exp(-(off**2 + along**2) / 2)).astype(np.float32), off, direction
@@ -212,15 +251,31 @@ def _filter_side(
     across: FloatMap, precision: FloatMap, kernel: FloatMap
 ) -> tuple[FloatMap, FloatMap]:
     """(h, w) sigmas of one side in units of their scatter over the view, and sigmas per px."""
-    score = cv2.filter2D(across, -1, kernel, borderType=cv2.BORDER_CONSTANT)
-    variance = cv2.filter2D(precision, -1, kernel * kernel, borderType=cv2.BORDER_CONSTANT)
+    score, variance = _correlate(across, kernel), _correlate(precision, kernel * kernel)
     some = (slice(None, None, max(1, round(len(score) / SOME_ROWS))),) * 2
     known = variance > LEAST_KNOWN * max(float(np.percentile(variance[some], 90)), 1e-9)
-    root = np.sqrt(np.maximum(variance, np.float32(1e-9)))
-    sigmas = score / root * known
+    root = np.sqrt(np.maximum(variance, np.float32(1e-9), out=variance), out=variance)
+    sigmas = np.divide(score, root, out=score)
+    sigmas *= known
     scatter = np.float32(scatter_of(sigmas[some][known[some]]))
-    clipped = (sigmas / scatter).clip(-MOST_SIGMAS, MOST_SIGMAS)
-    return clipped, root / scatter * known
+    sigmas /= scatter
+    root /= scatter
+    root *= known
+    return sigmas.clip(-MOST_SIGMAS, MOST_SIGMAS, out=sigmas), root
+
+
+def _correlate(image: FloatMap, kernel: FloatMap) -> FloatMap:
+    """The correlation of (h, w) with (K, K), nothing around it.
+
+    The upper and the lower half of the kernel by themselves: OpenCV sums those that are so small
+    directly, without the zeros that most of a kernel for one side consists of.
+    """
+    middle = len(kernel) // 2
+    upper, lower = kernel[: middle + 1], kernel[middle:].copy()
+    lower[0] = 0.0
+    total = cv2.filter2D(image, -1, upper, anchor=(middle, middle), borderType=cv2.BORDER_CONSTANT)
+    total += cv2.filter2D(image, -1, lower, anchor=(middle, 0), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(total)
 
 
 def scatter_of(values: FloatArray | FloatMap, fewest: int = 30) -> float:

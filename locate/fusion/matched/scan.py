@@ -82,40 +82,45 @@ class TurnVolume:
     def sheared_sigmas(self, unit: float) -> Iterator[tuple[FloatMap, tuple[float, float], int]]:
         """Sigmas of all columns of one slope and length, by their lowest height and place.
 
-        Yields (Z', Y, X) sigmas, the slopes along X and Y, and the length in heights; Y and X are
-        those of the axis at the first height of the grid.
+        Yields (Z', Y, X) sigmas without their sign, the slopes along X and Y, and the length in
+        heights; Y and X are those of the axis at the first height of the grid.
         """
         levels = np.arange(len(self.weight))
         for slopes in product(SLOPES, SLOPES):
             moves = np.rint(np.outer(levels * self.spacing[2], slopes) / self.spacing[:2])
-            maps = [_shear(each, moves.astype(np.int64)) for each in (*self.sides, self.weight)]
-            first, second, weight = (_cumulate(each) for each in maps)
+            first, second, weight = (
+                _cumulate_sheared(each, moves.astype(np.int64))
+                for each in (*self.sides, self.weight)
+            )
             for length in LENGTHS_UNITS:
                 count = max(1, round(length * unit / self.spacing[2]))
                 if count > len(self.weight):
                     continue
-                sides = np.stack([each[count:] - each[:-count] for each in (first, second)])
-                seen = np.maximum(weight[count:] - weight[:-count], FEWEST_VIEWS * count / 2)
-                yield join_sides(sides) / np.sqrt(seen), slopes, count
+                sides = (each[count:] - each[:-count] for each in (first, second))
+                seen = weight[count:] - weight[:-count]
+                np.maximum(seen, np.float32(FEWEST_VIEWS * count / 2), out=seen)
+                sigmas = np.abs(join_sides(*sides))
+                sigmas /= np.sqrt(seen, out=seen)
+                yield sigmas, slopes, count
 
 
-def _shear(maps: FloatMap, moves: IntArray) -> FloatMap:
-    """Each layer moved back by its (x, y) move; what comes in from outside is 0."""
-    height, width = maps.shape[1:]
-    sheared = np.zeros_like(maps)
-    for layer, out, (right, down) in zip(maps, sheared, moves.tolist(), strict=True):
+def _cumulate_sheared(maps: FloatMap, moves: IntArray) -> FloatMap:
+    """Sums over the first k layers, for k from 0, each moved back by its (x, y) move.
+
+    What comes in from outside is 0.
+    """
+    layers, height, width = maps.shape
+    sums = np.empty((layers + 1, height, width), maps.dtype)
+    sums[0] = 0
+    for k, (right, down) in enumerate(moves.tolist()):
+        sums[k + 1] = sums[k]
         if abs(right) < width and abs(down) < height:
-            part = layer[
-                max(down, 0) : height + min(down, 0), max(right, 0) : width + min(right, 0)
+            to = sums[k + 1, max(-down, 0) : height - max(down, 0)]
+            part = maps[k, max(down, 0) : height + min(down, 0)]
+            to[:, max(-right, 0) : width - max(right, 0)] += part[
+                :, max(right, 0) : width + min(right, 0)
             ]
-            y, x = max(-down, 0), max(-right, 0)
-            out[y : y + part.shape[0], x : x + part.shape[1]] = part
-    return sheared
-
-
-def _cumulate(maps: FloatMap) -> FloatMap:
-    """Sums over the first k layers, for k from 0."""
-    return np.concatenate([np.zeros_like(maps[:1]), np.cumsum(maps, axis=0)])
+    return sums
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,13 +142,12 @@ class StrongestByPlace:
         best = np.zeros(shape, np.float32)
         rows = np.zeros((*shape, 4))
         for sigmas, slopes, count in volume.sheared_sigmas(unit):
-            size = np.abs(sigmas)
-            lowest = size.argmax(axis=0)
-            top = np.take_along_axis(size, lowest[None], axis=0)[0]
+            top = sigmas.max(axis=0)
             better = top > best
             best[better] = top[better]
+            lowest = sigmas[:, better].argmax(axis=0)
             rows[better] = np.column_stack(
-                [lowest[better], np.broadcast_to([*slopes, count], (int(better.sum()), 3))]
+                [lowest, np.broadcast_to([*slopes, count], (len(lowest), 3))]
             )
         lowest, slope_x, slope_y, count = np.moveaxis(rows, -1, 0)
         step_x, step_y, step_z = volume.spacing

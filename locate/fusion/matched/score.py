@@ -1,8 +1,9 @@
 """How surely the displacement turns about the axes of columns, all views together."""
 
+import math
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -40,6 +41,7 @@ FEWEST_VIEWS = 4.0
 """Views that must show a column."""
 SEEN = 0.1
 """Weight from which on a view shows a column."""
+Sigmas = TypeVar("Sigmas", FloatArray, FloatMap)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,15 +84,15 @@ class ViewTurns:
         return np.asarray((self.weight**2).sum(axis=0))
 
 
-def join_sides(sides: FloatArray) -> FloatArray:
-    """(...) sigmas of a turn of which (2, ...) are those of its sides.
+def join_sides(first: Sigmas, second: Sigmas) -> Sigmas:
+    """(...) sigmas of a turn of which these are those of its sides.
 
     Either side counts for no more than the other: 0 where they turn in different ways.
     """
-    first, second = sides
-    outward = np.maximum(np.minimum(first, second), 0)
-    inward = np.minimum(np.maximum(first, second), 0)
-    return np.asarray(np.sqrt(2) * (outward + inward))
+    joined: Sigmas = np.maximum(np.minimum(first, second), 0)
+    joined += np.minimum(np.maximum(first, second), 0)
+    joined *= math.sqrt(2)
+    return joined
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +177,7 @@ class TurnScore:
         )
 
     def _join(self, turns: ViewTurns, columns: Columns) -> FloatArray:
-        return join_sides(turns.sides / self.scatter[self._classes(columns)].T)
+        return join_sides(*turns.sides / self.scatter[self._classes(columns)].T)
 
     def expected(self, columns: Columns, size_px: float) -> FloatArray:
         """(N,) sigmas that turns of that size would show on average.
@@ -205,21 +207,21 @@ def view_turns(filters: TurnFilters, columns: Columns) -> ViewTurns:
 
 
 def _sample_axes(filters: TurnFilters, columns: Columns) -> TurnSamples:
-    """`ALONG` points of each of N axes, one axis after the other."""
+    """`ALONG` points of each of N axes: one point of every axis after the other."""
     share = (np.arange(ALONG) + 0.5) / ALONG
-    heights = columns.heights[:, None] * share
-    points = columns.axis_points(heights).reshape(-1, 3)
-    widths = (columns.radii[:, None] + columns.openings[:, None] * heights).ravel()
-    rises = np.repeat(np.column_stack([columns.slopes, np.ones(len(columns))]), ALONG, axis=0)
+    heights = columns.heights * share[:, None]
+    points = columns.axis_points(heights.T).swapaxes(0, 1).reshape(-1, 3)
+    widths = (columns.radii + columns.openings * heights).ravel()
+    rises = np.tile(np.column_stack([columns.slopes, np.ones(len(columns))]), (ALONG, 1))
     return filters.sample(points, widths, rises)
 
 
 def _sum_heights(sigmas: FloatMap, weight: FloatMap, columns: int) -> ViewTurns:
-    """The points of each column together; (2, V, N * ALONG) sigmas, (V, N * ALONG) weights."""
-    shape = (len(weight), columns, ALONG)
-    weights = weight.reshape(shape).astype(float)
-    total = (sigmas.reshape(SIDES, *shape) * weights).sum(axis=3)
-    squares = (weights**2).sum(axis=2)
+    """The points of each column together; (2, V, ALONG * N) sigmas, (V, ALONG * N) weights."""
+    shape = (len(weight), ALONG, columns)
+    weights = weight.reshape(shape)
+    total = (sigmas.reshape(SIDES, *shape) * weights).sum(axis=2)
+    squares = (weights * weights).sum(axis=1)
     return ViewTurns(
         sigmas=total / np.sqrt(np.maximum(squares, 1.0)), weight=np.sqrt(squares / ALONG)
     )

@@ -1,5 +1,6 @@
 """How well the views support columns."""
 
+from collections.abc import Iterator
 from typing import NamedTuple, Self
 
 import cv2
@@ -34,14 +35,7 @@ OUTSIDE_PX = -1e4
 def score_columns(
     views: Views, columns: Columns, *, along: int = 14, across: int = 5
 ) -> FloatArray:
-    """(V, N) evidence of each view for each column, nats; see `sum_over_outlines`."""
-    return sum_over_outlines(views, columns, along=along, across=across)[0]
-
-
-def sum_over_outlines(
-    views: Views, columns: Columns, *, along: int = 14, across: int = 5
-) -> tuple[FloatArray, FloatArray]:
-    """The evidence of each view for each column.
+    """(V, N) evidence of each view for each column, nats.
 
     Sums over the column's outline (its side, foreshortened, and its end), gated by what can be seen
     there, counted in independent samples (one per `Views.correlation_px2`).
@@ -51,20 +45,21 @@ def sum_over_outlines(
         columns: N columns.
         along: Samples along the axis.
         across: Samples across it.
-
-    Returns:
-        (V, N) sum of the llr, nats, and (V, N) number of samples that hold evidence.
     """
-    nats, samples = np.empty((2, len(views), len(columns)))
-    if not len(columns):
-        return nats, samples
-    outlines = _ColumnOutlines.of_columns(columns, along)
-    across_axis = np.linspace(-1, 1, across, dtype=np.float32)
-    at_once = max(1, SAMPLES_AT_ONCE // (len(columns) * along * across))
-    for start in range(0, len(views), at_once):
-        rows = slice(start, start + at_once)
-        nats[rows], samples[rows] = _sum_in_views(views, rows, outlines, across_axis)
-    return nats, samples
+    sampled = _sample_outlines(views, columns, along, across)
+    return np.concatenate([outlines.sum(outlines.llr_in(views)) for outlines in sampled])
+
+
+def sum_over_outlines(
+    views: Views, columns: Columns, *, along: int = 14, across: int = 5
+) -> tuple[FloatArray, FloatArray]:
+    """As `score_columns`, and (V, N) the number of independent samples that hold evidence."""
+    nats, samples = [], []
+    for outlines in _sample_outlines(views, columns, along, across):
+        llr = outlines.llr_in(views)
+        nats.append(outlines.sum(llr))
+        samples.append(outlines.sum(llr != 0))
+    return np.concatenate(nats), np.concatenate(samples)
 
 
 class _ColumnOutlines(NamedTuple):
@@ -95,13 +90,49 @@ class _ColumnOutlines(NamedTuple):
         )
 
 
-def _sum_in_views(
-    views: Views, rows: slice, outlines: _ColumnOutlines, across_axis: FloatMap
-) -> tuple[FloatArray, FloatArray]:
-    """As `sum_over_outlines`, of some views.
+class _SampledOutlines(NamedTuple):
+    """Where some views show the outlines of columns.
 
-    Axes of arrays: view, sample across, sample along, column.
+    Axes of arrays: view, sample across (A), sample along (S), column (N).
+
+    Attributes:
+        rows: Which of the views.
+        x: (V, A, S, N) pixels that are sampled.
+        y: Likewise.
+        gate: (V, A, S, N) weight of their evidence.
+        area: (V, S, N) independent samples that each stands for.
     """
+
+    rows: slice
+    x: FloatMap
+    y: FloatMap
+    gate: FloatMap
+    area: FloatArray
+
+    def llr_in(self, views: Views) -> FloatMap:
+        """(V, A, S, N) evidence at the pixels."""
+        return _sample_nearest(views.llr[self.rows], self.x, self.y, outside=0.0)
+
+    def sum(self, values: FloatMap) -> FloatArray:
+        """(V, N) sums of (V, A, S, N) values at the pixels, in independent samples."""
+        return np.asarray(((values * self.gate).sum(axis=1) * self.area).sum(axis=1))
+
+
+def _sample_outlines(
+    views: Views, columns: Columns, along: int, across: int
+) -> Iterator[_SampledOutlines]:
+    """The outlines in so many views at once that they stay in the processor's cache."""
+    outlines = _ColumnOutlines.of_columns(columns, along)
+    across_axis = np.linspace(-1, 1, across, dtype=np.float32)
+    at_once = max(1, SAMPLES_AT_ONCE // max(1, len(columns) * along * across))
+    for start in range(0, len(views), at_once):
+        yield _project_outlines(views, slice(start, start + at_once), outlines, across_axis)
+
+
+def _project_outlines(
+    views: Views, rows: slice, outlines: _ColumnOutlines, across_axis: FloatMap
+) -> _SampledOutlines:
+    """The outlines in some views."""
     points, half_widths, directions, slab = outlines
     focal = views.trajectory.camera.focal_px
     center_x, center_y = views.trajectory.camera.matrix[:2, 2]
@@ -117,23 +148,27 @@ def _sum_in_views(
     middle_y = (in_cam[:, 1] * scale + center_y).astype(np.float32)
     x = middle_x[:, None] + half_px.astype(np.float32)[:, None] * across_axis[:, None, None]
     y = np.repeat(middle_y[:, None], len(across_axis), axis=1)
-    llr = _sample_nearest(views.llr[rows], x, y, outside=0.0)
     background = _sample_nearest(views.inverse_depth[rows], x, y, outside=np.nan)
-    gate = lever_gate(depth.astype(np.float32)[:, None], background)
     facing = np.abs(np.einsum("vksn,vkn->vsn", in_cam, rotations @ directions))
     facing /= np.sqrt(np.einsum("vksn,vksn->vsn", in_cam, in_cam))
     area = 2 * half_px * slab * scale * np.sqrt(np.maximum(1 - facing**2, 0))
     area += np.pi * half_px**2 * facing / len(half_widths)
     area /= len(across_axis) * views.correlation_px2
-    nats = ((llr * gate).sum(axis=1) * area).sum(axis=1)
-    samples = (((llr != 0) * gate).sum(axis=1) * area).sum(axis=1)
-    return nats, samples
+    return _SampledOutlines(
+        rows=rows,
+        x=x,
+        y=y,
+        gate=lever_gate(depth.astype(np.float32)[:, None], background),
+        area=area,
+    )
 
 
 def _sample_nearest(maps: FloatMap, x: FloatMap, y: FloatMap, *, outside: float) -> FloatMap:
     """(V, A, S, N) values of (V, H, W) maps at the pixels nearest to x and y."""
     views, across, along, columns = x.shape
     found = np.empty((views, across * along, columns), np.float32)
+    if not columns:
+        return found.reshape(x.shape)
     for image, at_x, at_y, out in zip(
         maps, x.reshape(found.shape), y.reshape(found.shape), found, strict=True
     ):
