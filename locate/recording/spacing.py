@@ -1,5 +1,7 @@
 """Frames that are even in image motion, sharp and well coded."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from geometry.arrays import BoolArray, GreyImage, IntArray
@@ -36,6 +38,23 @@ def avoid_b_frames(rows: IntArray, is_b_frame: BoolArray) -> IntArray:
     return moved
 
 
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A frame that may be kept.
+
+    Attributes:
+        frame: What is known of it.
+        thumb: (H, W) of it, reduced.
+        before: Index of the frame that was looked at before it; -1 where none was.
+        step_px: The motion since that one, px of such thumbnails.
+    """
+
+    frame: KeyFrame
+    thumb: GreyImage
+    before: int
+    step_px: float
+
+
 class FrameSpacer:
     """Keeps the next frame once the image has moved by the target since the last kept one.
 
@@ -43,20 +62,18 @@ class FrameSpacer:
 
     Args:
         first: Kept as it is.
-        thumb: (H, W) of it, reduced.
-        target_px: The motion wanted, px of such thumbnails.
+        target_px: The motion wanted, px of the thumbnails.
     """
 
-    def __init__(self, first: KeyFrame, thumb: GreyImage, target_px: float) -> None:
-        self.kept = [first]
-        self._last = (first, thumb)
+    def __init__(self, first: Candidate, target_px: float) -> None:
+        self.kept = [first.frame]
+        self._last = first
         self._target_px = target_px
-        self._waiting: list[tuple[float, KeyFrame, GreyImage]] = []
+        self._waiting: list[tuple[float, Candidate]] = []
 
-    def add(self, frame: KeyFrame, thumb: GreyImage) -> None:
+    def add(self, candidate: Candidate) -> None:
         """Considers the next frame."""
-        motion_px = median_motion(self._last[1], thumb)
-        self._waiting.append((motion_px / self._target_px, frame, thumb))
+        self._waiting.append((self._ratio(candidate), candidate))
         while self._waiting and (
             self._waiting[-1][0] >= 1 + WINDOW or len(self._waiting) >= MAX_WAITING
         ):
@@ -72,14 +89,20 @@ class FrameSpacer:
 
     def _keep_best(self) -> None:
         inside = [item for item in self._waiting if abs(item[0] - 1) <= WINDOW]
-        inside = [item for item in inside if not item[1].is_b_frame] or inside
+        inside = [item for item in inside if not item[1].frame.is_b_frame] or inside
         nearest = min(inside or self._waiting, key=lambda item: abs(item[0] - 1))
-        sharpest = max(inside, key=lambda item: item[1].sharpness, default=nearest)
-        much_sharper = sharpest[1].sharpness > SHARPER * nearest[1].sharpness
-        _, chosen, thumb = sharpest if much_sharper else nearest
-        rest = [item[1:] for item in self._waiting if item[1].index > chosen.index]
-        self.kept.append(chosen)
-        self._last = (chosen, thumb)
-        self._waiting = [
-            (median_motion(thumb, later) / self._target_px, frame, later) for frame, later in rest
-        ]
+        sharpest = max(inside, key=lambda item: item[1].frame.sharpness, default=nearest)
+        much_sharper = sharpest[1].frame.sharpness > SHARPER * nearest[1].frame.sharpness
+        _, chosen = sharpest if much_sharper else nearest
+        rest = [item[1] for item in self._waiting if item[1].frame.index > chosen.frame.index]
+        self.kept.append(chosen.frame)
+        self._last = chosen
+        self._waiting = [(self._ratio(later), later) for later in rest]
+
+    def _ratio(self, candidate: Candidate) -> float:
+        """The motion since the last kept frame, over the target."""
+        is_next = candidate.before == self._last.frame.index
+        motion_px = (
+            candidate.step_px if is_next else median_motion(self._last.thumb, candidate.thumb)
+        )
+        return motion_px / self._target_px

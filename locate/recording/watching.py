@@ -19,7 +19,7 @@ from locate.recording.motion import (
 from locate.recording.recording import Recording, every_frame
 from locate.recording.sampling import LookedAt
 from locate.recording.shots import Continuity, CutFinder
-from locate.recording.spacing import FrameSpacer
+from locate.recording.spacing import Candidate, FrameSpacer
 
 THUMBNAIL_SIDE = 320
 """Longest side of the images whose motion is measured, px."""
@@ -42,8 +42,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class _WatchedFrame:
-    frame: KeyFrame
-    thumb: GreyImage
+    candidate: Candidate
     image: GreyImage
     texture: float
 
@@ -78,17 +77,17 @@ class _Shot:
         self._stillness: StillnessTest | None = None
 
     def add(self, seen: _WatchedFrame) -> None:
-        self.frames.append(seen.frame)
+        self.frames.append(seen.candidate.frame)
         self._textures.append(seen.texture)
         if seen.texture < LEAST_TEXTURE:
             return
         if self._spacer is None or self._stillness is None or self._shows_more(seen):
             self._start = len(self.frames) - 1
-            target_px = self._target_motion * seen.thumb.shape[1]
-            self._spacer = FrameSpacer(seen.frame, seen.thumb, target_px)
+            target_px = self._target_motion * seen.candidate.thumb.shape[1]
+            self._spacer = FrameSpacer(seen.candidate, target_px)
             self._stillness = StillnessTest(seen.image)
         else:
-            self._spacer.add(seen.frame, seen.thumb)
+            self._spacer.add(seen.candidate)
             self._stillness.add(seen.image)
 
     @property
@@ -114,7 +113,7 @@ class _Shot:
         first = self._textures[self._start]
         if first >= GOOD_TEXTURE:
             return False
-        waited_s = seen.frame.time_s - self.frames[self._start].time_s
+        waited_s = seen.candidate.frame.time_s - self.frames[self._start].time_s
         fades_in = self._is_video and waited_s <= FADE_IN_S
         return seen.texture >= (BRIGHTENING if fades_in else APPEARING) * first
 
@@ -172,6 +171,7 @@ def _watch_shots(
     cuts = CutFinder()
     waiting: list[_WatchedFrame] = []
     previous: GreyImage | None = None
+    before = -1
     scale = max(1.0, max(recording.width, recording.height) / THUMBNAIL_SIDE)
 
     def assign(verdict: Continuity) -> None:
@@ -188,23 +188,24 @@ def _watch_shots(
     for count, frame in enumerate(recording.frames(is_wanted), start=1):
         thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
         texture = measure_texture(thumb)
-        motion_px = 0.0 if previous is None else median_motion(previous, thumb) * scale
+        step_px = 0.0 if previous is None else median_motion(previous, thumb)
         key = KeyFrame(
             index=frame.index,
             time_s=frame.time_s,
             source=frame.source,
             sharpness=measure_sharpness(frame.image),
-            motion_px=motion_px,
+            motion_px=step_px * scale,
             is_b_frame=frame.is_b_frame,
         )
-        waiting.append(_WatchedFrame(frame=key, thumb=thumb, image=frame.image, texture=texture))
+        candidate = Candidate(frame=key, thumb=thumb, before=before, step_px=step_px)
+        waiting.append(_WatchedFrame(candidate=candidate, image=frame.image, texture=texture))
         if recording.is_video and texture >= LEAST_TEXTURE:
             assign(cuts.add(thumb))
         elif len(waiting) == 1:
             assign(Continuity.SAME)
         elif len(waiting) > MOST_WAITING:
             assign(cuts.finish())
-        previous = thumb
+        previous, before = thumb, frame.index
         if progress:
             total = recording.expected_frames
             read = frame.index + 1 if recording.is_video else count
