@@ -5,7 +5,7 @@ EXAMPLES ?= 3000
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help demo test site robust fuzz audit sbom ros bench peers train lint picture clean
+.PHONY: help demo test site robust fuzz audit sbom hashes licences ros bench peers train lint picture clean
 
 help:
 	@echo "make demo    run the bundled sample, then open out/demo/report.html"
@@ -15,6 +15,8 @@ help:
 	@echo "make fuzz    the tests of damaged files with EXAMPLES=3000 of each kind: hours"
 	@echo "make audit   known weaknesses of the pinned packages, asked of PyPI"
 	@echo "make sbom    what an installation brings, with licences: build/sbom.cdx.json (CycloneDX)"
+	@echo "make hashes  the same by hash, for this machine: build/hashes.txt (pip --require-hashes)"
+	@echo "make licences  the list of licences in the docs: docs/figures/licences.csv"
 	@echo "make ros     the ROS 2 node against real rclpy, Kilted and Jazzy"
 	@echo "make bench   the slow tests and the benchmarks: hours"
 	@echo "make peers   what peers and bounds were measured, again: fails where a ratio is worse"
@@ -44,6 +46,16 @@ audit: build/tools.stamp
 sbom: $(VENV)/runtime.stamp build/tools.stamp
 	build/tools/bin/cyclonedx-py environment --output-reproducible --pyproject pyproject.toml \
 		--output-file build/sbom.cdx.json $(BIN)/python
+
+hashes: build/installed.json
+	$(BIN)/python .ci/installed.py hashes $< >build/hashes.txt
+
+licences: build/installed.json $(VENV)/runtime.stamp
+	$(BIN)/python .ci/installed.py licences $< >docs/figures/licences.csv
+
+build/installed.json: pyproject.toml constraints.txt | $(BIN)/python
+	@mkdir -p build
+	$(INSTALL) --dry-run --ignore-installed --report $@ .
 
 build/tools.stamp:
 	.ci/venv build/tools

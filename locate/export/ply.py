@@ -73,8 +73,6 @@ def write_scene_ply(
 def _write_points(
     path: Path, points: FloatArray, colours: NDArray[np.uint8], **attributes: FloatArray
 ) -> None:
-    from plyfile import PlyData, PlyElement
-
     floats = [(name, "<f4") for name in (*POSITION, *attributes)]
     vertices = np.empty(len(points), [*floats, *((name, "u1") for name in COLOUR)])
     columns = {
@@ -86,4 +84,11 @@ def _write_points(
         if column.shape != vertices.shape:
             raise ValueError(f"{name}: {column.shape=}, expected {vertices.shape}")
         vertices[name] = column
-    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(path)
+    header = [
+        "ply\nformat binary_little_endian 1.0",
+        f"element vertex {len(points)}",
+        *(f"property float {name}" for name, _ in floats),
+        *(f"property uchar {name}" for name in COLOUR),
+        "end_header\n",
+    ]
+    path.write_bytes("\n".join(header).encode("ascii") + vertices.tobytes())
