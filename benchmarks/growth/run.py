@@ -1,33 +1,39 @@
 """Runs longer and longer recordings, and fits how time, memory and disk space grow.
 
-    python -m benchmarks.growth run [--lengths N...] [--photos N...] [--recording R] [--width PX]
+    python -m benchmarks.growth run [--lengths N...] [--folders N...] [--photos N...]
+                                    [--recording R] [--width PX] [--keep N]
 
-`--lengths`: frames of a video of which twelve key frames are chosen, and nothing more is done.
-`--photos`: so many photos, all of them key frames, through the whole run. Both show the frames of
-the recording to and fro. An exponent is the slope of the logarithm over all sizes: 1 is linear.
+`--lengths`: frames of a video (H.264, 30 a second) of which `--keep` key frames are chosen, and
+nothing more is done. `--folders`: the same of so many photos. `--photos`: so many photos, all of
+them key frames, through the whole run. All show the frames of the recording to and fro. An exponent
+is the slope of the logarithm over all sizes: 1 is linear. `decoding` is what it takes to decode the
+video, or to read the photos, once.
 """
 
 import argparse
 import tempfile
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain, cycle, islice
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 
 from benchmarks.common.cost import children_peak_mib, peak_mib
+from benchmarks.growth.looped import loop_video, write_unit
 from geometry.arrays import GreyImage
 from geometry.processes import call_apart
 from locate.journal.progress import silent
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording import open_recording
+from locate.recording.images import read_grey
 from locate.recording.sample import SAMPLE_VIDEO
-from locate.recording.writer import LOSSLESS, open_video
 
-KEY_FRAMES = 12
 SMOOTHED = 1e-2
 """CPU seconds under which a stage has no measurable growth."""
 
@@ -74,36 +80,60 @@ def spend(recording: Path, output: Path, most: int, *, whole: bool, **_progress:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--recording", type=Path, default=SAMPLE_VIDEO)
     parser.add_argument("--width", type=int, default=240, help="px of the frames")
+    parser.add_argument("--keep", type=int, default=12, help="key frames chosen of the first two")
     parser.add_argument("--lengths", type=int, nargs="*", default=[60, 240, 960])
+    parser.add_argument("--folders", type=int, nargs="*", default=[30, 120, 480])
     parser.add_argument("--photos", type=int, nargs="*", default=[10, 20, 40])
 
 
 def main(options: argparse.Namespace) -> None:
     images = shrunk(options.recording, options.width)
     with tempfile.TemporaryDirectory() as work:
-        for title, counts, write, whole in (
-            ("frames of a video", options.lengths, write_video, False),
-            ("photos", options.photos, write_photos, True),
+        unit = write_unit(Path(work) / "unit.mkv", images)
+        for title, counts, write in (
+            ("frames of a video", options.lengths, partial(write_video, unit)),
+            ("photos, few kept", options.folders, partial(write_photos, images)),
+            ("photos", options.photos, partial(write_photos, images)),
         ):
-            spent = []
-            for count in counts:
-                folder = Path(work) / f"{title}_{count}"
-                folder.mkdir()
-                recording = write(folder, islice(to_and_fro(images), count))
-                most = count if whole else KEY_FRAMES
-                spent.append(
-                    call_apart(
-                        spend,
-                        recording,
-                        folder / "out",
-                        most,
-                        whole=whole,
-                        name="a run",
-                        report=silent,
-                    ).numbers
-                )
+            whole = title == "photos"
+            spent = [
+                measure(write, Path(work), count, count if whole else options.keep, whole=whole)
+                for count in counts
+            ]
             if counts:
                 print_table(title, counts, spent)
+
+
+def measure(
+    write: Callable[[Path, int], Path], work: Path, count: int, most: int, *, whole: bool
+) -> dict[str, float]:
+    """The columns of a row; what it was measured on is removed."""
+    with tempfile.TemporaryDirectory(dir=work) as place:
+        recording = write(Path(place), count)
+        decoding_s = call_apart(decode, recording, name="decoding", report=silent)
+        spent = call_apart(
+            spend,
+            recording,
+            Path(place) / "out",
+            most,
+            whole=whole,
+            name="a run",
+            report=silent,
+        )
+    return {"decoding CPU s": decoding_s} | spent.numbers
+
+
+def decode(recording: Path, **_progress: object) -> float:
+    """CPU s of decoding a video, or of reading photos, once."""
+    started_s = time.process_time()
+    if recording.is_dir():
+        for photo in recording.iterdir():
+            read_grey(photo)
+    else:
+        with av.open(str(recording)) as container:
+            for _ in container.decode(video=0):
+                pass
+    return time.process_time() - started_s
 
 
 def shrunk(recording: Path, width: int) -> list[GreyImage]:
@@ -113,25 +143,17 @@ def shrunk(recording: Path, width: int) -> list[GreyImage]:
     return [np.asarray(cv2.resize(i, size, interpolation=cv2.INTER_AREA), np.uint8) for i in images]
 
 
-def to_and_fro(images: Sequence[GreyImage]) -> Iterator[GreyImage]:
-    """Without end."""
-    return cycle(chain(images, images[-2:0:-1]))
+def write_video(unit: Path, folder: Path, count: int) -> Path:
+    """A video of so many frames, of those of the unit."""
+    return loop_video(unit, folder / "video.mkv", count)
 
 
-def write_video(folder: Path, images: Iterator[GreyImage]) -> Path:
-    first = next(images)
-    path, size = folder / "video.mkv", (first.shape[1], first.shape[0])
-    with open_video(path, size=size, fps=30.0, codec=LOSSLESS) as video:
-        for image in chain([first], images):
-            video.write(image)
-    return path
-
-
-def write_photos(folder: Path, images: Iterator[GreyImage]) -> Path:
+def write_photos(images: Sequence[GreyImage], folder: Path, count: int) -> Path:
+    """So many photos, to and fro."""
     path = folder / "photos"
     path.mkdir()
-    for number, image in enumerate(images):
-        cv2.imwrite(str(path / f"{number:06d}.png"), image)
+    for number, image in enumerate(islice(cycle(chain(images, images[-2:0:-1])), count)):
+        cv2.imwrite(str(path / f"{number:06d}.jpg"), image)
     return path
 
 

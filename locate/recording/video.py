@@ -145,6 +145,7 @@ def video_images(
     not raised.
     """
     times_s: list[float] = []
+    geometry, rotation = None, 0
     with open_video(path) as container:
         stream = picture_stream(container)
         stream.thread_type = "AUTO"
@@ -155,7 +156,9 @@ def video_images(
         for frame in merge_fields(decoded.frames()):
             time_s = frame.time - start_s if frame.time is not None else len(times_s) / rate
             times_s.append(time_s)
-            geometry = PictureGeometry.of(frame, stream)
+            if geometry is None or frame.rotation != rotation:
+                # Side data keep their frame until Python looks for cycles, hundreds of frames on.
+                geometry, rotation = PictureGeometry.of(frame, stream), frame.rotation
             if len(times_s) == 1:
                 notes = geometry.describe(grey_of_frame(frame, stretch))
                 _add_notes(warnings, path, [*describe_other_streams(container), *notes])

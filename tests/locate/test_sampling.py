@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from locate.recording import open_recording, sampling
+from locate.recording.display import PictureGeometry
 from locate.recording.sampling import LookedAt
-from locate.recording.video import NamedImage
+from locate.recording.video import NamedImage, video_images
 from tests.locate.test_video import keep, pan, write_photos, write_video
 
 FPS = 30
@@ -106,3 +107,19 @@ def test_a_photo_that_is_not_wanted_is_not_read(tmp_path: Path) -> None:
     recording = open_recording(write_photos(tmp_path / "photos", pan([0.0, 2.0, 4.0])))
     recording.photos[1].unlink()
     assert [frame.index for frame in recording.frames(lambda index, _: index != 1)] == [0, 2]
+
+
+def test_frames_of_a_video_do_not_stay_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    of = PictureGeometry.of.__func__
+
+    def count(cls: type[PictureGeometry], *given: object) -> PictureGeometry:
+        asked.append(given)
+        return of(cls, *given)
+
+    monkeypatch.setattr(PictureGeometry, "of", classmethod(count))
+    path = write_video(tmp_path / "v.mkv", pan([0.0] * 20))
+    assert len(list(video_images(path, []))) == 20
+    assert len(asked) == 1
