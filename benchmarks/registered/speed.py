@@ -34,7 +34,7 @@ def main(options: argparse.Namespace) -> None:
     print_cost("with what is made of it", lambda: network.evaluate(inputs), 20)
     if options.run is None:
         return
-    frames = load_posed_frames(options.run, options.run / "frames").frames()
+    frames = load_posed_frames(options.run, options.run / "frames").undistorted()
     points = load_points(options.run / "points.npz")
     detector = RegisteredDetector(points_in_world=points, weights=options.network)
     rows = iter([*spread_rows(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)

@@ -28,7 +28,9 @@ from locate.map.plume import PlumeMap
 from locate.pipeline.decide import fuse_detections
 from locate.pipeline.detections import measure_frames
 from locate.pipeline.effort import EFFORTS
+from locate.pipeline.files import RunFiles
 from locate.pipeline.points import load_points
+from locate.pipeline.poses import frames_with_poses
 from locate.recording import KeyFrames
 from locate.recording.posed_frames import PosedFrames
 
@@ -36,17 +38,10 @@ INSIDE_SHARE = 0.3
 
 
 def load_posed_frames(run: Path, folder: Path) -> PosedFrames:
-    """The frames of a finished run, its images taken from `folder`."""
-    frames = KeyFrames.load(run / "frames" / "index.json")
-    trajectory = Trajectory.load(run / "trajectory.json")
-    names = dict(zip(frames.indices.tolist(), frames.names, strict=True))
-    return PosedFrames(
-        folder=folder,
-        names=[names[i] for i in trajectory.indices.tolist()],
-        indices=trajectory.indices,
-        camera=trajectory.camera,
-        trajectory=trajectory,
-    )
+    """The frames of a finished run, its images taken from `folder`; none at full size."""
+    files = RunFiles(run)
+    posed = frames_with_poses(files, KeyFrames.load(files.frame_index))
+    return replace(posed, folder=folder, full_size=None)
 
 
 def true_displacement(scene: Path, index: int) -> FloatMap:

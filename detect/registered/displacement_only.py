@@ -74,11 +74,11 @@ def halve_frames(frames: Frames, trajectory: Trajectory) -> Frames:
         return image.astype(np.float32)
 
     full_size = frames.full_size or ConvertedImages(frames.images, to_grey_levels)
-    return Frames(
+    return replace(
+        frames,
         images=ConvertedImages(frames.images, halve),
         trajectory=replace(trajectory, camera=camera),
         full_size=full_size,
-        b_frames=frames.b_frames,
     )
 
 

@@ -47,7 +47,7 @@ def measure_frames(
         most,
         ends=0 if posed.trajectory is None else ENDS,
         skip=posed.rows_of(skip),
-        b_frames=posed.rows_of(posed.b_frames),
+        b_frames=frames.b_frames,
     )
     share_rows = rows[share[0] :: share[1]]
     for done, row in enumerate(share_rows):

@@ -24,7 +24,7 @@ PRECEDENTS: dict[str, tuple[tuple[float, str], ...]] = {
     ),
     "video": (
         (1.0, "simulated leaks of this strength were found; on real frames 4 of 6"),
-        (0.3, "10 of 10 simulated leaks of 0.3 px were found in H.264, none of 6 on real frames"),
+        (0.3, "20 of 20 simulated leaks of 0.3 px were found in H.264, none of 6 on real frames"),
     ),
 }
 """What was found at which strength, strongest first; docs/accuracy.md, docs/seeing.md,
