@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.common.edited import EDITS, video_of, write_edited
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
-from geometry.errors import LocateError
+from geometry.errors import BadInputError, LocateError
 from geometry.pose_files import read_named_poses, resize_camera
 from geometry.sfm import Reconstruction, reconstruct
 from geometry.sfm.checks import compare_paths
@@ -158,9 +158,9 @@ def without_truth(_: Reconstruction, __: KeyFrames) -> dict[str, float]:
 
 def nees(poses: Trajectory, true_rotations: FloatArray, true_centers: FloatArray) -> float:
     """Mean normalised error squared over 6; 1 where the stated covariances are right."""
-    if poses.covariances is None:
-        return float("nan")
     moved = poses.transformed(align_points(poses.centers_in_world, true_centers))
+    if moved.covariances is None:
+        return float("nan")
     turns = moved.rotations @ np.swapaxes(true_rotations, 1, 2)
     shifts = np.einsum("nij,nj->ni", moved.rotations, true_centers - moved.centers_in_world)
     errors = np.concatenate([Rotation.from_matrix(turns).as_rotvec(), shifts], axis=1)
@@ -187,11 +187,24 @@ def local_enu(photos: list[Path]) -> FloatArray:
     """(N, 3) positions from EXIF in m, east north up of the first photo."""
     import pycolmap
 
-    bitmaps = [pycolmap.Bitmap.read(str(photo), as_rgb=False) for photo in photos]
-    positions = [(b.exif_latitude(), b.exif_longitude(), b.exif_altitude()) for b in bitmaps]
+    positions = [exif_position(photo) for photo in photos]
     wgs84 = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
     latitude, longitude, altitude = positions[0]
     return np.asarray(wgs84.ellipsoid_to_enu(np.array(positions), latitude, longitude, altitude))
+
+
+def exif_position(photo: Path) -> tuple[float, float, float]:
+    """Latitude and longitude in degrees, altitude in m."""
+    import pycolmap
+
+    bitmap = pycolmap.Bitmap.read(str(photo), as_rgb=False)
+    if bitmap is None:
+        raise BadInputError(f"{photo}: not a photo that can be read")
+    latitude, longitude = bitmap.exif_latitude(), bitmap.exif_longitude()
+    altitude = bitmap.exif_altitude()
+    if latitude is None or longitude is None or altitude is None:
+        raise BadInputError(f"{photo}: no position in its EXIF")
+    return latitude, longitude, altitude
 
 
 def robust_align(source: FloatArray, target: FloatArray) -> Similarity:

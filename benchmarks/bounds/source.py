@@ -98,7 +98,7 @@ def source_bound(views: Views, truth: ColumnTruth, faults: EvidenceFaults) -> Fl
         covariance += turn**2 * by_turn @ by_turn.T
         covariance += faults.position_sigma_m**2 * by_point @ by_point.T
         information += by_point.T @ np.linalg.solve(covariance, by_point)
-    return np.linalg.inv(information)
+    return np.asarray(np.linalg.inv(information), dtype=float)
 
 
 def pixel_slopes(

@@ -17,7 +17,8 @@ def commands() -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = [(name,) for name in MODULES]
     for name in PACKAGES:
         main = ast.parse((HERE / name / "__main__.py").read_text())
-        words = [node.value for node in ast.walk(main) if isinstance(node, ast.Constant)]
+        constants = [node.value for node in ast.walk(main) if isinstance(node, ast.Constant)]
+        words = [value for value in constants if isinstance(value, str)]
         found += [(name,), *((name, word) for word in words)] if name != "checks" else []
     return found
 

@@ -21,7 +21,7 @@ def seen() -> rows.AnsweredFrame:
     return rows.AnsweredFrame(
         image=np.zeros(SHAPE, np.uint8),
         truth=truth,
-        answer=Detection(displacement=truth.copy(), sigma_px=np.ones(SHAPE), llr=llr),
+        answer=Detection(displacement=truth.copy(), sigma_px=np.ones(SHAPE, np.float32), llr=llr),
         counts=np.ones(SHAPE, dtype=bool),
         beside=np.zeros(SHAPE, dtype=bool),
     )
@@ -39,7 +39,9 @@ def test_a_perfect_answer(seen: rows.AnsweredFrame) -> None:
 
 def test_silence_has_an_error_of_the_plumes_own_size(seen: rows.AnsweredFrame) -> None:
     nothing = Detection(
-        displacement=np.zeros_like(seen.truth), sigma_px=np.ones(SHAPE), llr=np.zeros(SHAPE)
+        displacement=np.zeros_like(seen.truth),
+        sigma_px=np.ones(SHAPE, np.float32),
+        llr=np.zeros(SHAPE, np.float32),
     )
     assert cells(replace(seen, answer=nothing)) == [
         "1", "0.1500 / 0.1500", "0.300 / 0.300", "0.00", "0.500", "none", "0.00", "0.00", "",
@@ -84,7 +86,8 @@ def test_a_potential_stands_on_the_heat_source() -> None:
 
 def test_an_answer_is_drawn_at_the_scale_of_its_truth(seen: rows.AnsweredFrame) -> None:
     side = 40
-    shown = rows.draw_strip(seen.image, seen.truth, seen.truth / 3, 3 * seen.truth, side=side)
+    fields = seen.truth, seen.truth / np.float32(3), 3 * seen.truth
+    shown = rows.draw_strip(seen.image, *fields, side=side)
     width = shown.shape[1] // 4
     saturations = [255 - shown[side - 5, k * width + 10].min() for k in (1, 2, 3)]
     assert saturations == [255, pytest.approx(85, abs=2), 255]

@@ -79,7 +79,7 @@ def test_the_size_by_normal_equations_is_that_of_the_truth(truth: FloatMap) -> N
 
 def test_a_damped_answer_has_its_damping_as_ratio(truth: FloatMap) -> None:
     everywhere = np.ones(SHAPE, bool)
-    noise = np.random.default_rng(0).normal(0, 0.3, truth.shape)
+    noise = np.random.default_rng(0).normal(0, 0.3, truth.shape).astype(np.float32)
     assert measured_over_true(0.4 * truth, truth, everywhere) == pytest.approx(0.4)
     assert measured_over_true(0.4 * truth + noise, truth, everywhere) == pytest.approx(
         0.4, abs=0.03
@@ -127,7 +127,7 @@ def test_the_thirds_are_of_detail_size_and_depth(truth: FloatMap) -> None:
     assert low == pytest.approx(0.25, abs=0.05)
     assert high == pytest.approx(1, abs=0.05)
     step = depth_step(inverse_depth)
-    assert (step > 0).any(axis=0).nonzero()[0].tolist() == list(range(57, 63))
+    assert np.flatnonzero((step > 0).any(axis=0)).tolist() == list(range(57, 63))
     inverse_depth[5, 5] = np.nan
     assert np.isnan(depth_step(inverse_depth)).sum() == 1
 

@@ -16,7 +16,7 @@ UNTOUCHED = ("none", "wrong_focal")
 def waves(x: FloatArray, y: FloatArray) -> GreyImage:
     """Texture that is known between pixels."""
     light = 128 + 50 * np.sin(0.5 * x + 0.2 * y) + 50 * np.sin(0.3 * x - 0.5 * y)
-    return np.rint(light).astype(np.uint8)
+    return np.asarray(np.rint(light), np.uint8)
 
 
 def recorded() -> list[GreyImage]:

@@ -9,6 +9,7 @@ import argparse
 import platform
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ def print_row(name: str, seconds: float, count: int) -> None:
 
 def time_flows(folder: Path, runs: int) -> None:
     for number in range(runs):
-        seconds = cpu_seconds(lambda number=number: write_run(folder, number)).item()
+        seconds = cpu_seconds(partial(write_run, folder, number)).item()
         fields = len(read_run(folder / f"run_{number:05d}.npz"))
         print_row(
             f"field, {RUN_KINDS[number % len(RUN_KINDS)]} ({seconds:.0f} s a run)", seconds, fields

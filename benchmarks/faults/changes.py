@@ -7,6 +7,7 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from locate.pipeline import poses
 
@@ -31,7 +32,7 @@ def at_change(folder: Path, number: int, act: Callable[[], object]) -> Callable[
             act()
 
     def begin() -> None:
-        poses.call_apart = _call_here  # type: ignore[assignment]
+        patch.object(poses, "call_apart", _call_here).start()
         sys.addaudithook(watch)
 
     return begin

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ def kill_at_random(whole: Whole, output: Path, tries: int) -> Iterator[Loss]:
     moments = np.random.default_rng(0).uniform(0, whole.seconds, 3 * tries)
     killed = 0
     for moment_s in moments:
-        ending = whole.run(output, lambda s=moment_s: signal.setitimer(signal.ITIMER_REAL, s))
+        ending = whole.run(output, partial(signal.setitimer, signal.ITIMER_REAL, moment_s))
         if ending.code == -signal.SIGALRM:
             killed += 1
             yield whole.resume(output)
@@ -120,7 +121,8 @@ def _run_on_disk(whole: Whole, output: Path, size_kib: int, meanwhile: str) -> L
     """In a name space of its own, where everybody may mount; twice, then on a larger disk."""
     script = ON_DISK.format(size=size_kib, meanwhile=meanwhile)
     program = f"from {hurry.__module__} import hurry; hurry()"
-    command = [sys.executable, "-c", program, "run", whole.recording, "-o", output / "out"]
+    places = [str(whole.recording), "-o", str(output / "out")]
+    command = [sys.executable, "-c", program, "run", *places]
     kept = output.with_name(output.name + ".kept")
     output.mkdir()
     done = subprocess.run(
@@ -178,7 +180,7 @@ def run_two_at_once(whole: Whole, output: Path, tries: int) -> Iterator[Loss]:
 def step_clock(whole: Whole, output: Path, _: int) -> Iterator[Loss]:
     """The clock is set by a year within a run; files that say they are from 1970 and 2100."""
     for years in (-1, 1, -60, 100):
-        ending = whole.run(output, lambda years=years: _set_clock(years * YEAR_S))
+        ending = whole.run(output, partial(_set_clock, years * YEAR_S))
         yield str(ending) if ending.code else whole.find_difference(output)
         for path in output.rglob("*"):
             os.utime(path, (0, 0) if years < 0 else (130 * YEAR_S, 130 * YEAR_S))

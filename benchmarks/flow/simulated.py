@@ -51,7 +51,7 @@ class Pair:
 def sinusoid(x: FloatMap, y: FloatMap) -> FloatMap:
     """The paper's background: 8 px in both directions."""
     k = np.float32(2 * np.pi / PERIOD_PX)
-    return np.float32(0.45) + np.float32(0.2) * (np.sin(k * x) + np.sin(k * y))
+    return np.asarray(0.45 + 0.2 * (np.sin(k * x) + np.sin(k * y)), np.float32)
 
 
 def background(kind: str, rng: np.random.Generator) -> Background:
@@ -82,7 +82,7 @@ def simulate_pairs(
         rng = np.random.default_rng(seed)  # the same plumes at every peak
         for _ in range(count):
             if runs:
-                moments = read_run(runs[rng.integers(len(runs))])
+                moments = read_run(runs[int(rng.integers(len(runs)))])
                 potential = moments[rng.integers(len(moments))]
             else:
                 potential = random_turbulence(rng)

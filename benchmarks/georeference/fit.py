@@ -33,7 +33,8 @@ def main(options: argparse.Namespace) -> None:
     for name, path in FLIGHTS.items():
         for correlation_s, outliers in NOISE:
             for known_up in (False, True):
-                errors, refused = [], 0
+                errors: list[list[float]] = []
+                refused = 0
                 for seed in range(options.draws):
                     rng = np.random.default_rng([99, seed])
                     flight = simulate_flight(
@@ -50,7 +51,7 @@ def main(options: argparse.Namespace) -> None:
                     off = (point - POINT_IN_ENU)[0]
                     nees = off @ np.linalg.solve(fitted.position_covariances(point)[0], off) / 3
                     tilt_deg = np.degrees(np.linalg.norm(tangent[:2]))
-                    errors.append((abs(tangent[6]), fitted.scale_sigma, tilt_deg, nees))
+                    errors.append([abs(tangent[6]), fitted.scale_sigma, tilt_deg, nees])
                 scale, said, tilt_deg, _ = np.median(errors or [[np.nan] * 4], axis=0)
                 mean = np.mean([row[3] for row in errors])
                 print(

@@ -7,6 +7,7 @@ from functools import cache
 import cv2
 import numpy as np
 
+from benchmarks.flow.simulated import sinusoid
 from detect.synthesis.buoyancy import BuoyantFlow
 from detect.synthesis.camera import (
     MARGIN_PX,
@@ -20,7 +21,6 @@ from geometry.arrays import BoolArray, FloatArray, FloatMap, GreyImage
 
 BESIDE_PX = 16
 SIZE_PX, CELL_PX, BASE_PX = 480, 6.0, 36
-PERIOD_PX = 8.0
 PEAK_PX, NOISE, REFERENCE_FRAMES, VIBRATION_PX = 0.6, 1.0, 50, 0.2
 MOMENTS, INTERVAL_S = 6, 0.3
 PLATE_CELLS, PLATE_TONE, MOVED_PX = (20.0, 38.0, 30.0), 0.25, 3.0
@@ -92,12 +92,6 @@ def in_frame(excess: FloatMap) -> FloatMap:
     return potential_gradient(potential)[1:-1, 1:-1]
 
 
-def lattice(x: FloatMap, y: FloatMap) -> FloatMap:
-    """The paper's background: waves of 8 px in both directions."""
-    k = np.float32(2 * np.pi / PERIOD_PX)
-    return np.float32(0.45) + np.float32(0.2) * (np.sin(k * x) + np.sin(k * y))
-
-
 Covered = Callable[[FloatArray, FloatArray], BoolArray]
 
 
@@ -119,7 +113,7 @@ def objects(setup: Setup, shift_px: float | None) -> Covered:
 
 
 def with_objects(covered: Covered, shake_px: FloatArray) -> Background:
-    """The lattice, and in front of it what the plume does not displace."""
+    """The sinusoid, and in front of it what the plume does not displace."""
 
     def radiance(x: FloatMap, y: FloatMap) -> FloatMap:
         down, across = (
@@ -127,7 +121,7 @@ def with_objects(covered: Covered, shake_px: FloatArray) -> Background:
             for n, shake in zip(x.shape, shake_px[::-1], strict=True)
         )
         in_front = covered(across[None], down[:, None])
-        return np.where(in_front, np.float32(PLATE_TONE), lattice(x, y))
+        return np.where(in_front, np.float32(PLATE_TONE), sinusoid(x, y))
 
     return radiance
 
@@ -135,7 +129,7 @@ def with_objects(covered: Covered, shake_px: FloatArray) -> Background:
 def film_setup(setup: Setup) -> Iterator[tuple[GreyImage, GreyImage, FloatMap, BoolArray]]:
     """Reference, frame, truth, and what objects cover in either."""
     rng = np.random.default_rng(5)
-    grid = np.meshgrid(np.arange(SIZE_PX), np.arange(SIZE_PX))
+    grid = np.meshgrid(np.arange(float(SIZE_PX)), np.arange(float(SIZE_PX)))
     then, now = objects(setup, setup.reference_shift_px), objects(setup, 0.0)
     still = np.zeros((SIZE_PX + 2 * MARGIN_PX,) * 2 + (2,), np.float32)
     optics = CameraOptics(noise=NOISE / REFERENCE_FRAMES**0.5)

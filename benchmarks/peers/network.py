@@ -10,6 +10,7 @@ not counted, but printed.
 import argparse
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -55,9 +56,7 @@ def main(options: argparse.Namespace) -> None:
         first_s = cpu_seconds(lambda: runtimes["torch.compile"](planes)).item()
         print(f"torch.compile: {first_s:.0f} CPU s at the first call")
         answers = {name: runtime(planes) for name, runtime in runtimes.items()}
-        costs = time_in_turn(
-            {name: (lambda run=run: run(planes)) for name, run in runtimes.items()}
-        )
+        costs = time_in_turn({name: partial(run, planes) for name, run in runtimes.items()})
     exact = answers["torch, eager"]
     scale = float(np.abs(exact).max())
     rows = [

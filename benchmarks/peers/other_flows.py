@@ -44,9 +44,9 @@ def cross_correlation(reference: GreyImage, image: GreyImage) -> FloatMap:
     step = x[0, 1] - x[0, 0]
     rows = (np.arange(image.shape[0], dtype=np.float32) - y.min()) / step
     columns = (np.arange(image.shape[1], dtype=np.float32) - x.min()) / step
-    places = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
+    x, y = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
     vectors = np.stack([u, -v], axis=-1).astype(np.float32)  # OpenPIV's v points up
-    return np.asarray(cv2.remap(vectors, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+    return np.asarray(cv2.remap(vectors, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
 OTHERS: Mapping[str, tuple[str, Flow]] = {

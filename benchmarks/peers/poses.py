@@ -20,6 +20,7 @@ import pycolmap
 
 from benchmarks import sfm
 from benchmarks.common.csv_tables import DOCS, Row, write_table
+from benchmarks.common.edited import video_of
 from benchmarks.common.turns import ROUNDS, costs_of
 from geometry.sfm import reconstruct, summary
 from geometry.sfm.result import Reconstruction
@@ -41,9 +42,7 @@ class PoseSet:
 
 
 def sample_set(_: Path, work: Path) -> PoseSet:
-    frames = select_frames(
-        open_recording(sfm.video_of(sfm.SAMPLE)), work / "frames", max_frames=FRAMES
-    )
+    frames = select_frames(open_recording(video_of(sfm.SAMPLE)), work / "frames", max_frames=FRAMES)
     measure = sfm.against_simulation(sfm.SAMPLE / "truth.json")
     return PoseSet(folder=work / "frames", frames=frames, measure=measure)
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.peers.blobs import SourceEstimate
-from geometry.arrays import FloatArray
+from geometry.arrays import FloatArray, IntArray
 from geometry.trajectory import Trajectory
 
 INLIER_PX = 8.0
@@ -21,11 +21,11 @@ def triangulate_marks(trajectory: Trajectory, pixels: FloatArray) -> SourceEstim
         trajectory: V poses.
         pixels: (V, 2) a point in each view; NaN where it has none.
     """
-    rows = np.flatnonzero(np.isfinite(pixels).all(axis=1))
-    projections = {i: _projection(trajectory, i) for i in rows}
+    rows = np.flatnonzero(np.isfinite(pixels).all(axis=1)).astype(np.int64)
+    projections = {i: _projection(trajectory, i) for i in rows.tolist()}
     best: FloatArray = np.empty(0)
     agreeing = rows[:0]
-    for i, j in combinations(rows, 2):
+    for i, j in combinations(projections, 2):
         found = cv2.triangulatePoints(projections[i], projections[j], pixels[i], pixels[j])
         point = found[:3, 0] / found[3, 0]
         error_px = np.linalg.norm(_residuals(trajectory, rows, pixels, point), axis=1)
@@ -34,10 +34,15 @@ def triangulate_marks(trajectory: Trajectory, pixels: FloatArray) -> SourceEstim
             best, agreeing = point, near
     if len(agreeing) < FEWEST_VIEWS:
         return None
-    fit = least_squares(lambda p: _residuals(trajectory, agreeing, pixels, p).ravel(), best)
+
+    def errors_px(point: FloatArray) -> FloatArray:
+        return _residuals(trajectory, agreeing, pixels, point).ravel()
+
+    fit = least_squares(errors_px, best)
+    jacobian = np.asarray(fit.jac)
     freedom = max(1, len(fit.fun) - 3)
     variance = float((fit.fun**2).sum()) / freedom
-    return SourceEstimate(source=fit.x, covariance=variance * np.linalg.inv(fit.jac.T @ fit.jac))
+    return SourceEstimate(source=fit.x, covariance=variance * np.linalg.inv(jacobian.T @ jacobian))
 
 
 def _projection(trajectory: Trajectory, i: int) -> FloatArray:
@@ -46,7 +51,7 @@ def _projection(trajectory: Trajectory, i: int) -> FloatArray:
 
 
 def _residuals(
-    trajectory: Trajectory, rows: FloatArray, pixels: FloatArray, point: FloatArray
+    trajectory: Trajectory, rows: IntArray, pixels: FloatArray, point: FloatArray
 ) -> FloatArray:
     """(R, 2) px; far off for a point behind a camera."""
     in_cam = trajectory.rotations[rows] @ point + trajectory.translations[rows]

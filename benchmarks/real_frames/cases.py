@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from locate.recording.recording import PHOTO_SUFFIXES
+from locate.recording.formats import PHOTO_SUFFIXES
 
 RECORDINGS = Path("../shared/data/2_dense_video")
 STRENGTHS_PX = (0.0, 0.1, 0.3, 1.0)

@@ -44,7 +44,9 @@ class PixelTruth:
 
 def load(folder: Path) -> Frames:
     with av.open(str(folder / "video.mkv")) as video:
-        images = [frame.to_ndarray(format="gray") for frame in video.decode(video=0)]
+        images = [
+            np.asarray(frame.to_ndarray(format="gray"), np.uint8) for frame in video.decode(video=0)
+        ]
     return Frames(images=images, trajectory=Trajectory.load(folder / "truth.json"))
 
 

@@ -10,7 +10,7 @@ from detect.learning.clips import TrainingClip
 from detect.learning.registered_calibration import Read, read_clip
 from detect.registered.detector import pixel_trust as trust_in
 from detect.registered.evidence_network import EvidenceNetwork
-from detect.registered.features import FEATURES, SMALL_PX, decode_feature
+from detect.registered.features import decode_feature
 from detect.scores import auroc, average_precision
 from geometry.arrays import FloatMap
 
@@ -19,13 +19,15 @@ THIN = (slice(1, None, 4),) * 2
 
 def by_hand(read: Read) -> tuple[FloatMap, FloatMap]:
     """(H, W) llr and (H, W, 2) displacement that `registered-plain` has for these features."""
-    displacement = SMALL_PX * np.sinh(np.moveaxis(read.inputs[:2], 0, -1).astype(np.float32))
-    log_sigma = read.inputs[FEATURES.index("log_sigma")].astype(np.float32)
-    sigma_px = np.where(read.output.measured, SMALL_PX * np.exp(log_sigma), np.inf)
     inputs = read.inputs
+    x, y = decode_feature(inputs, "displacement_x"), decode_feature(inputs, "displacement_y")
+    displacement = np.stack([x, y], axis=-1)
+    sigma_px = np.where(
+        read.output.measured, decode_feature(inputs, "log_sigma"), np.float32(np.inf)
+    )
     trust = trust_in(decode_feature(inputs, "visible"), decode_feature(inputs, "log_depth_edge"))
     texture = decode_feature(inputs, "log_texture")
-    llr, _ = displacement_evidence(displacement, sigma_px.astype(np.float32), texture, trust)
+    llr, _ = displacement_evidence(displacement, sigma_px, texture, trust)
     return llr, displacement
 
 

@@ -41,7 +41,8 @@ class Timed:
     """A detector that counts its CPU seconds."""
 
     def __init__(self, detector: Detector) -> None:
-        self.name = detector.name
+        self.name, self.response = detector.name, detector.response
+        self.uses_other_frames = detector.uses_other_frames
         self.cpu_s: list[float] = []
         self._detector = detector
 

@@ -76,7 +76,7 @@ def trajectory(poses: Sequence[FloatArray], first: Trajectory) -> Trajectory:
 
 def join_views(parts: Sequence[Views]) -> Views:
     whole = trajectory(
-        [np.linalg.inv(_cam_from_world(part, i)) for part in parts for i in range(len(part))],
+        [_world_from_cam(part.trajectory, i) for part in parts for i in range(len(part))],
         parts[0].trajectory,
     )
     covariances = np.concatenate([part.trajectory.covariances for part in parts])
@@ -90,11 +90,10 @@ def join_views(parts: Sequence[Views]) -> Views:
     )
 
 
-def _cam_from_world(views: Views, i: int) -> FloatArray:
-    moved = np.eye(4)
-    moved[:3, :3] = views.trajectory.rotations[i]
-    moved[:3, 3] = views.trajectory.translations[i]
-    return moved
+def _world_from_cam(trajectory: Trajectory, i: int) -> FloatArray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = trajectory.rotations[i].T, trajectory.centers_in_world[i]
+    return pose
 
 
 class KnownPlume:
@@ -140,7 +139,7 @@ def poses_of(views: Views, first: int = 0) -> list[StampedPose]:
     return [
         StampedPose(
             stamp_ns=(first + i) * NS_PER_S // VIEWS_A_SECOND,
-            world_from_cam=np.asarray(np.linalg.inv(_cam_from_world(views, i)), dtype=float),
+            world_from_cam=_world_from_cam(views.trajectory, i),
             covariance=covariances[i],
         )
         for i in range(len(views))

@@ -22,7 +22,7 @@ from detect.registry import make_detector
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.map.plume import Plume
-from locate.pipeline.config import RunConfig
+from locate.pipeline.config import DetectorName, RunConfig
 from locate.pipeline.run import Run
 from locate.recording import open_recording
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
@@ -34,7 +34,7 @@ NS = 1_000_000_000
 Plumes = tuple[Plume, ...]
 
 
-def offline(video: Path, truth: Trajectory, detector: str) -> Plumes:
+def offline(video: Path, truth: Trajectory, detector: DetectorName) -> Plumes:
     covariances = np.tile(np.diag(SIGMAS**2), (len(truth), 1, 1))
     with tempfile.TemporaryDirectory() as folder:
         poses = Path(folder) / "poses.json"

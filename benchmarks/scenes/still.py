@@ -90,7 +90,8 @@ def picture(folder: Path) -> NDArray[np.uint8]:
     images = [shrink(f.image) for f in open_recording(folder / "video.mkv").frames()]
     lasting = Fluctuation.measure(images, np.random.default_rng(0)).sigmas
     truth = SceneTruth.load(folder)
-    squares = [(truth.frame(i).displacement ** 2).sum(axis=-1) for i in range(0, len(images), 4)]
+    truths = [truth.frame(i) for i in range(0, len(images), 4)]
+    squares = [(true.displacement**2).sum(axis=-1) for true in truths if true is not None]
     true_px = cv2.resize(np.sqrt(np.mean(squares, axis=0)), lasting.shape[::-1])
     shown = [images[0], 25.5 * lasting, 255 * true_px / max(float(true_px.max()), 1e-9)]
     panels = [cv2.cvtColor(np.clip(p, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR) for p in shown]

@@ -11,6 +11,7 @@ from detect.dybs import DybsDetector
 from detect.dybs.estimator import Estimate
 from detect.synthesis import FAMILIES, Recipe, Sources
 from detect.synthesis.camera import MARGIN_PX, CameraOptics, expose_background
+from detect.synthesis.recipe import Family
 from detect.synthesis.sample import draw_background
 from geometry.arrays import GreyImage
 
@@ -62,7 +63,7 @@ def print_shift(name: str, family: str, means: Sequence[float], change: str) -> 
               + f" | {np.ptp(means):.4f} | {change} |", flush=True)  # fmt: skip
 
 
-def shifted_images(recipe: Recipe, family: str, shift_px: float) -> list[GreyImage]:
+def shifted_images(recipe: Recipe, family: Family, shift_px: float) -> list[GreyImage]:
     """The same backgrounds, noise and camera at every shift."""
     sources = Sources.from_recipe(recipe)
     side = recipe.size_px + 2 * MARGIN_PX

@@ -1,7 +1,8 @@
 """CPU time of one thread."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -41,21 +42,26 @@ def main(options: argparse.Namespace) -> None:
         whole["on a photo"] = cv2.resize(photo(path), size, interpolation=cv2.INTER_AREA)
     print("| what, 640 x 480, one thread | CPU ms, median | fastest |\n|---|---|---|")
     for path in options.networks:
-        network, detector = Network(path), DybsDetector(path)
-        print_cost(f"{network.name}, onnxruntime", lambda n=network: n(planes(image)))
-        for name, seen in whole.items():
-            print_cost(f"dybs with it, {name}", lambda d=detector, i=seen: detected(d, i))
+        time_network(path, image, whole)
     print_cost("texture classes", lambda: texture_classes(image))
     print_cost(
         "demodulation, all a lattice", lambda: demodulate_lattice(lattice, np.ones(SHAPE, bool))
     )
     for name, seen in whole.items():
         if seen is not lattice:
-            print_cost(f"edges, {name}", lambda i=seen: measure_edges(i))
+            print_cost(f"edges, {name}", partial(measure_edges, seen))
     measured, refine = measure_pattern(lattice, texture_classes(lattice)), RefinementNetwork()
     print_cost("refinement, onnxruntime", lambda: refine(measured, SHAPE))
     if options.paper:
         time_paper(image)
+
+
+def time_network(path: Path, image: GreyImage, whole: Mapping[str, GreyImage]) -> None:
+    """One of ours, and the detector with it on every image."""
+    network, detector = Network(path), DybsDetector(path)
+    print_cost(f"{network.name}, onnxruntime", lambda: network(planes(image)))
+    for name, seen in whole.items():
+        print_cost(f"dybs with it, {name}", partial(detected, detector, seen))
 
 
 def time_paper(image: GreyImage) -> None:

@@ -57,7 +57,7 @@ def main(options: argparse.Namespace) -> None:
     if options.plot:
         first = Network(options.networks[0]).name
         names = ("null", "waves alone", "refinement alone", f"{first} alone", f"dybs, {first}")
-        curves = {}
+        curves: dict[str, dict[str, list[float]]] = {}
         for family in ("sinusoid", "checkerboard", "lines", "scene"):
             shown = [name for name in names if family in LATTICES or name != "waves alone"]
             curves[family] = {name: tallies[family, name].by_peak() for name in shown}

@@ -75,7 +75,8 @@ def draw_campaign(rng: np.random.Generator) -> DrawnCampaign:
     stood = rng.uniform(size=(FLIGHTS, SITES)) < chance
     leans = rng.normal(0, LEAN, (FLIGHTS, 2))
     leans -= leans.mean(axis=0)
-    offsets, seen, site_of = [], [], []
+    offsets, seen = [], []
+    site_of: list[int] = []
     for flight in range(FLIGHTS):
         offsets.append(offset_of(flight, OFFSET_SIGMAS))
         off = OFFSET_SIGMAS * rng.normal(size=7)
@@ -83,7 +84,7 @@ def draw_campaign(rng: np.random.Generator) -> DrawnCampaign:
             foot = sites[k].copy()
             foot[:2] += rng.normal(0, WANDER_M, 2) + DRIFT_M * leans[flight]
             seen.append(sighting(flight, foot, off, OWN_M, rng))
-            site_of.append(k)
+            site_of.append(int(k))
         for _ in range(rng.poisson(INVENTED)):
             place = np.append(rng.uniform(-SIZE_M / 2, SIZE_M / 2, 2), 0.0)
             seen.append(sighting(flight, place, off, OWN_M, rng))

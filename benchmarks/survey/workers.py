@@ -18,7 +18,8 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+from unittest.mock import patch
 
 from locate.map.plume import PlumeMap
 from locate.survey import engine
@@ -28,6 +29,7 @@ from locate.survey.model import Flight, SurveySettings
 WORKERS = {"one": 1, "two": 2, "killed": 2}
 KILLED_IN = "detections 0"
 MIB = 1 << 20
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +44,7 @@ class Measured(FlightJob):
     def __call__(self, given: RequestedFlight) -> Flight:
         return self._noted(given, "end", lambda: FlightJob.__call__(self, given))
 
-    def _noted(self, given: RequestedFlight, name: str, work: Callable[[], Any]) -> Any:
+    def _noted(self, given: RequestedFlight, name: str, work: Callable[[], Answer]) -> Answer:
         about = {"flight": given.name, "part": name, "pid": os.getpid()}
         self._note(about)
         cpu = time.process_time()
@@ -84,11 +86,11 @@ def fly(options: argparse.Namespace) -> None:
     ]
     settings = SurveySettings(camera=(campaign / "camera.json").resolve())
     job = Measured(settings=settings, notes=folder / "notes.jsonl")
-    engine.count_cores = lambda: WORKERS[mode]  # type: ignore[assignment]
     if mode == "killed":
         threading.Thread(target=kill_one, args=(job.notes,), daemon=True).start()
     start = time.perf_counter()
-    flights = [flight for _, flight in engine.map_flights(job, given, engine.LOCAL)]
+    with patch.object(engine, "count_cores", return_value=WORKERS[mode]):
+        flights = [flight for _, flight in engine.map_flights(job, given, engine.LOCAL)]
     about = {
         "wall_s": time.perf_counter() - start,
         "load": os.getloadavg()[0],

@@ -93,7 +93,7 @@ def roll_shutter(images: Sequence[GreyImage], _rng: np.random.Generator) -> list
     height, width = images[0].shape
     rows = np.linspace(-0.25, 0.25, height, dtype=np.float32)[:, None, None]
     return [
-        _displace(image, np.broadcast_to(rows * np.float32(motion), (height, width, 2)))
+        _displace(image, np.broadcast_to(rows * np.asarray(motion, np.float32), (height, width, 2)))
         for image, motion in zip(images, motions_of(images), strict=True)
     ]
 
@@ -261,7 +261,7 @@ def _line(length: float, angle: float) -> FloatMap:
     for share in np.linspace(-1, 1, 4 * size):
         x, y = np.rint(middle + share * half).astype(int)
         kernel[y, x] += 1
-    return kernel / kernel.sum()
+    return np.asarray(kernel / kernel.sum())
 
 
 def _displace(image: GreyImage, shift: FloatMap) -> GreyImage:

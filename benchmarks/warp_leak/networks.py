@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.nn.utils import convert_conv2d_weight_memory_format
 
 from benchmarks.warp_leak.twins import samples
 from detect.learning.networks import PaperUNet, PlumeNet, Prediction
@@ -71,14 +72,14 @@ def perceptron(folder: Path) -> Ask:
         logit, size = network((inputs[some] - mean) / spread).T
         loss = loss_of(logit, size, size_px[some], 1.0)
         optimiser.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         optimiser.step()
         schedule.step()
 
     def ask(image: GreyImage) -> tuple[FloatMap, FloatMap]:
         with torch.inference_mode():
-            says = network((torch.from_numpy(energies(image)) - mean) / spread).numpy()
-        return 1 / (1 + np.exp(-says[..., 0])), UNIT_PX * says[..., 1]
+            says = network((torch.from_numpy(energies(image)) - mean) / spread)
+        return torch.sigmoid(says[..., 0]).numpy(), (UNIT_PX * says[..., 1]).numpy()
 
     return ask
 
@@ -86,19 +87,20 @@ def perceptron(folder: Path) -> Ask:
 def unet(kind: str, folder: Path, steps: int) -> Ask:
     """Trained on the samples of a folder, or as it was before: FOLDER-KIND.pt."""
     torch.manual_seed(0)
-    network = UNETS[kind]().to(memory_format=torch.channels_last)
+    network = convert_conv2d_weight_memory_format(UNETS[kind](), torch.channels_last)
     weights = folder.with_name(f"{folder.name}-{kind}.pt")
     if weights.exists():
         network.load_state_dict(torch.load(weights, weights_only=True))
     else:
-        train(network, *map(torch.from_numpy, samples(folder)), steps)
+        images, size_px = map(torch.from_numpy, samples(folder))
+        train(network, images, size_px, steps)
         torch.save(network.state_dict(), weights)
     network.eval()
 
     def ask(image: GreyImage) -> tuple[FloatMap, FloatMap]:
         with torch.inference_mode():
             logit, size = answers(network(torch.from_numpy(image[None, None] / np.float32(255))))
-        return torch.sigmoid(logit[0]).numpy(), UNIT_PX * size[0].numpy()
+        return torch.sigmoid(logit[0]).numpy(), (UNIT_PX * size[0]).numpy()
 
     return ask
 
@@ -118,7 +120,7 @@ def train(network: nn.Module, images: Tensor, size_px: Tensor, steps: int) -> No
             logit, size = answers(network(image[:, None].float() / 255))
         loss = loss_of(logit, size, truth_px, SIZE_WEIGHT)
         optimiser.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         optimiser.step()
         schedule.step()
         if step % 100 == 99:
