@@ -43,7 +43,7 @@ def write_edited(source: Path, edit: str, folder: Path) -> None:
     rows = EDITS[edit](np.arange(len(every)))
     images: list[GreyImage] = [every[row] for row in rows]
     if edit == "h264":
-        images = compress_h264(images, FPS, bits_per_pixel=BITS_PER_PIXEL)
+        images = compress_h264(images, FPS, bits_per_pixel=BITS_PER_PIXEL).images
     height, width = images[0].shape
     folder.mkdir(parents=True, exist_ok=True)
     with open_video(folder / "video.mkv", size=(width, height), fps=FPS, codec=LOSSLESS) as video:

@@ -15,12 +15,11 @@ from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.capture import CaptureSetup, render_frames
-from locate.simulation.clips import perturb_poses
+from locate.simulation.clips import choose_key_frames, perturb_poses
 from locate.simulation.scene import Scene
 from locate.simulation.writer import LARGEST_HALF
 
 POSE_ERROR_DEG = 0.03
-ENDS = 4
 STILL_PX, PLUME_SHARE = 0.01, 0.3
 FOUND_SHARE = 0.15
 MEASURED_MAPS = tuple(name for name in Measurement.__dataclass_fields__ if name != "information")
@@ -30,10 +29,9 @@ def record(capture: CaptureSetup, count: int, path: Path) -> None:
     """Renders a take and writes `count` key frames, what was measured of them, and the truth."""
     rendered = render_frames(capture)
     told = perturb_poses(rendered.trajectory, capture.scene.random_stream(13), POSE_ERROR_DEG)
-    frames = Frames(images=rendered.images, trajectory=told)
-    keys = np.linspace(ENDS, len(frames) - 1 - ENDS, count).round().astype(int)
+    frames = Frames(images=rendered.images, trajectory=told, b_frames=rendered.b_frames)
     detector = RegisteredDetector()
-    measured = [(key, detector.measure(frames, int(key))) for key in keys]
+    measured = [(key, detector.measure(frames, key)) for key in choose_key_frames(frames, count)]
     known = [(key, *answer) for key, answer in measured if answer is not None]
     arrays = {
         name: np.stack([getattr(m, name) for _, m, _ in known]).clip(-LARGEST_HALF, LARGEST_HALF)

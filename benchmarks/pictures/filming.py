@@ -94,7 +94,7 @@ def show(capture: CaptureSetup) -> Shown:
     frames = render_frames(capture)
     middle = len(frames.images) // 2
     seen = make_detector("registered").detect(
-        Frames(images=frames.images, trajectory=frames.trajectory), middle
+        Frames(images=frames.images, trajectory=frames.trajectory, b_frames=frames.b_frames), middle
     )
     truth = frames.truths[middle]
     size = np.linalg.norm(truth.displacement, axis=-1)

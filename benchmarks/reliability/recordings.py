@@ -17,7 +17,7 @@ from detect.synthesis.sample import log_uniform
 from detect.synthesis.split import Split
 from locate.simulation import scene as simulated
 from locate.simulation.capture import CaptureSetup
-from locate.simulation.compression import compress_h264, compress_h265
+from locate.simulation.compression import VIDEO_BITS_PER_PIXEL, compress_h264, compress_h265
 from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import NUISANCES, apply_nuisances
 from locate.simulation.photo_scenes import PHOTOS_PER_SCENE, make_photo_capture
@@ -31,7 +31,6 @@ PLUME_FREE = 0.4
 AMPLITUDE_PX = (0.05, 1.0)
 ARC_DEG = (20.0, 60.0)
 NOISE = (0.5, 3.0)
-BITS_PER_PIXEL = (0.1, 0.5)
 CARELESS = tuple(name for name in NUISANCES if name != "h264")
 MOST_NUISANCES = 2
 FRAMES, KEYS = 24, 8
@@ -105,7 +104,7 @@ def _in_condition(
     match condition:
         case "coded":
             compress = compress_h265 if held_out else compress_h264
-            bits = log_uniform(rng, BITS_PER_PIXEL)
+            bits = log_uniform(rng, VIDEO_BITS_PER_PIXEL)
             return replace(capture, coding=partial(compress, bits_per_pixel=bits))
         case "careless":
             count = int(rng.integers(1, MOST_NUISANCES + 1))

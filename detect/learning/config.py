@@ -48,6 +48,7 @@ class PoolConfig(_TrainingSettings):
             folders of samples.
         leaks: Where the plumes of those scenes leave.
         rough: Whether those photos are filmed as by people who never thought of refraction.
+        coded: Whether the clips are stored as videos of few bits.
         photo_set: Folder of posed photos that the clips are made of instead.
         recipe: What they are rendered from where they are missing; relative to the config file.
         measured: A folder of rendered samples, where these are what waves and edges say of them.
@@ -61,6 +62,7 @@ class PoolConfig(_TrainingSettings):
     photos: Path | None = None
     leaks: Leaks = "nozzle"
     rough: bool = False
+    coded: bool = False
     photo_set: Path | None = None
 
     @model_validator(mode="after")
@@ -296,6 +298,8 @@ class TrainConfig(_TrainingSettings):
             plain["leaks"] = leaks
         if rough := sorted(name for name, pool in pools.items() if pool.rough):
             plain["rough"] = rough
+        if coded := sorted(name for name, pool in pools.items() if pool.coded):
+            plain["coded"] = coded
         if sets := {name: pool.photo_set.name for name, pool in pools.items() if pool.photo_set}:
             plain["photo_sets"] = sets
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]

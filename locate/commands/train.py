@@ -113,6 +113,8 @@ def _render_clip(pool: "PoolConfig", photos: Sequence[Path], seed: int) -> None:
     if pool.photo_set is not None:
         write_photo_set_clips(pool.photo_set, [seed], pool.folder)
     elif photos:
-        write_photo_clips(photos, [seed], pool.folder, leaks=pool.leaks, rough=pool.rough)
+        write_photo_clips(
+            photos, [seed], pool.folder, leaks=pool.leaks, rough=pool.rough, coded=pool.coded
+        )
     else:
-        make_clip(seed, pool.leaks).save(clip_path(pool.folder, seed))
+        make_clip(seed, pool.leaks, coded=pool.coded).save(clip_path(pool.folder, seed))

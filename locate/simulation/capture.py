@@ -1,6 +1,6 @@
 """A capture: a scene, what comes between it and the camera, and how the camera records it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 
 from detect.synthesis.raster import read_photo
-from geometry.arrays import FloatMap, GreyImage
+from geometry.arrays import FloatMap, GreyImage, IntArray
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
 from locate.simulation.billboards import Billboard, BillboardSurfaces
 from locate.simulation.camera_paths import simulate_trajectory
+from locate.simulation.compression import FrameCoding
 from locate.simulation.image_formation import GAMMA
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import RenderedTruth, Renderer
@@ -23,8 +24,6 @@ from locate.simulation.textures import TEXTURE_PX, TextureAtlas, make_noise_text
 
 LEAST_MEAN, MOST_GAIN = 0.2, 4.0
 """To what a dark photo is lightened, and by how much at most."""
-FrameCoding = Callable[[Sequence[GreyImage], float], list[GreyImage]]
-"""What storing the frames of a video does to them, given frames per second."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,12 +56,14 @@ class RenderedFrames:
         truths: What is true of each.
         trajectory: The true poses, and the camera that the chain knows of.
         amplitude_px: Strength of the strongest plume; 0 without one.
+        b_frames: Rows of the B frames.
     """
 
     images: list[GreyImage]
     truths: list[RenderedTruth]
     trajectory: Trajectory
     amplitude_px: float
+    b_frames: Sequence[int] | IntArray = ()
 
 
 def render_frames(capture: CaptureSetup) -> RenderedFrames:
@@ -73,10 +74,10 @@ def render_frames(capture: CaptureSetup) -> RenderedFrames:
     renderer = Renderer(scene, build_surfaces(capture), fields, trajectory, capture.shutter)
     rendered = [renderer.render_frame(i) for i in range(len(trajectory))]
     images = [image for image, _ in rendered]
-    if capture.coding is not None:
-        images = capture.coding(images, scene.video.fps)
+    coded = None if capture.coding is None else capture.coding(images, scene.video.fps)
     return RenderedFrames(
-        images=images,
+        images=images if coded is None else coded.images,
+        b_frames=() if coded is None else coded.b_frames,
         truths=[truth for _, truth in rendered],
         trajectory=replace(trajectory, camera=_stated_camera(capture)),
         amplitude_px=max(renderer.amplitudes_px, default=0.0),

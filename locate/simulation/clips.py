@@ -14,9 +14,11 @@ from detect.registered.features import stack_features
 from detect.synthesis.sample import log_uniform
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
+from locate.recording.spacing import avoid_b_frames
 from locate.simulation.capture import CaptureSetup, RenderedFrames, render_frames
 from locate.simulation.capture_degradation import DEGRADED_POSE_ERROR_DEG as ROUGH_ERROR_DEG
 from locate.simulation.capture_degradation import degrade_capture
+from locate.simulation.compression import draw_video_coding
 from locate.simulation.layouts import random_scene
 from locate.simulation.nuisances import apply_nuisances
 from locate.simulation.photo_scenes import make_photo_capture
@@ -60,15 +62,17 @@ def draw_clip_scene(seed: int, *, leaks: Leaks = "nozzle", plume: bool | None = 
     return scene.model_copy(update={"camera": camera, "path": _draw_path(rng, scene.path)})
 
 
-def make_clip(seed: int, leaks: Leaks = "nozzle") -> TrainingClip:
+def make_clip(seed: int, leaks: Leaks = "nozzle", *, coded: bool = False) -> TrainingClip:
     """Renders the scene of that seed and measures its key frames, poses a little wrong.
 
     Args:
         seed: Of everything.
         leaks: Where plumes leave.
+        coded: Whether it is stored as a video of few bits.
     """
     scene = draw_clip_scene(seed, leaks=leaks)
-    return measure_clip(render_frames(CaptureSetup(scene=scene)), scene.random_stream(13))
+    capture = _store(CaptureSetup(scene=scene), coded=coded)
+    return measure_clip(render_frames(capture), scene.random_stream(13))
 
 
 def make_photo_clip(
@@ -79,6 +83,7 @@ def make_photo_clip(
     plume: bool | None = None,
     nuisances: Sequence[str] = (),
     rough: bool = False,
+    coded: bool = False,
 ) -> TrainingClip:
     """A training clip before photos.
 
@@ -89,18 +94,18 @@ def make_photo_clip(
         plume: Whether there is one; None leaves that to the seed.
         nuisances: Their names.
         rough: Whether it is filmed as `degrade_capture` does it, its poses worse.
+        coded: Whether it is stored as a video of few bits, whatever the nuisances say.
     """
     scene = draw_clip_scene(seed, leaks=leaks, plume=plume)
     capture = make_photo_capture(scene, photos)
     if rough:
         error_deg = log_uniform(scene.random_stream(27), ROUGH_ERROR_DEG)
-        return measure_clip(
-            render_frames(degrade_capture(capture)), scene.random_stream(13), error_deg
-        )
-    return measure_clip(
-        render_frames(apply_nuisances(capture, nuisances, scene.random_stream(24))),
-        scene.random_stream(13),
-    )
+        spoilt = degrade_capture(capture)
+    else:
+        error_deg = None
+        spoilt = apply_nuisances(capture, nuisances, scene.random_stream(24))
+    rendered = render_frames(_store(spoilt, coded=coded))
+    return measure_clip(rendered, scene.random_stream(13), error_deg)
 
 
 def measure_clip(
@@ -108,13 +113,16 @@ def measure_clip(
 ) -> TrainingClip:
     """Measures key frames of a recording, its poses a little wrong (see `perturb_poses`)."""
     poses = perturb_poses(rendered.trajectory, rng, error_deg)
-    frames = Frames(images=rendered.images, trajectory=poses)
-    keys = (
-        np.linspace(UNUSED_END_FRAMES, len(frames) - 1 - UNUSED_END_FRAMES, KEY_FRAMES)
-        .round()
-        .astype(int)
-    )
-    return build_clip(frames, rendered, [int(key) for key in keys])
+    frames = Frames(images=rendered.images, trajectory=poses, b_frames=rendered.b_frames)
+    return build_clip(frames, rendered, choose_key_frames(frames, KEY_FRAMES))
+
+
+def choose_key_frames(frames: Frames, count: int) -> list[int]:
+    """Rows of key frames, evenly between the ends; B frames are the last choice, as in a run."""
+    every = np.arange(UNUSED_END_FRAMES, len(frames) - UNUSED_END_FRAMES)
+    chosen = np.linspace(0, len(every) - 1, count).round().astype(int)
+    rows = avoid_b_frames(chosen, np.isin(every, frames.b_frames))
+    return [int(row) for row in every[rows]]
 
 
 def build_clip(frames: Frames, rendered: RenderedFrames, keys: Sequence[int]) -> TrainingClip:
@@ -155,6 +163,11 @@ def perturb_poses(
     centers = trajectory.centers_in_world + shifts_m
     translations = -np.einsum("nij,nj->ni", rotations, centers)
     return replace(trajectory, rotations=rotations, translations=translations)
+
+
+def _store(capture: CaptureSetup, *, coded: bool) -> CaptureSetup:
+    coding = draw_video_coding(capture.scene.random_stream(28)) if coded else capture.coding
+    return replace(capture, coding=coding)
 
 
 def _draw_path(rng: np.random.Generator, orbit: PathBlock) -> PathBlock:

@@ -35,6 +35,7 @@ def write_photo_clips(
     plume: bool | None = None,
     nuisances: Sequence[str] | None = None,
     rough: bool = False,
+    coded: bool = False,
 ) -> None:
     """Writes the clips of those seeds that are missing.
 
@@ -46,14 +47,17 @@ def write_photo_clips(
         plume: Whether there is one; None leaves that to the seeds.
         nuisances: Their names; None draws a few for each clip.
         rough: Whether they are filmed as `degrade_capture` does it, with its own nuisances.
+        coded: Whether they are stored as videos of few bits.
     """
     for seed in seeds:
         if clip_path(folder, seed).exists():
             continue
         drawn = () if rough else draw_nuisances(draw_clip_scene(seed).random_stream(25))
         names = drawn if nuisances is None else nuisances
-        clip = make_photo_clip(seed, photos, leaks=leaks, plume=plume, nuisances=names, rough=rough)
-        about = {"leaks": leaks, "nuisances": list(names), "rough": rough}
+        clip = make_photo_clip(
+            seed, photos, leaks=leaks, plume=plume, nuisances=names, rough=rough, coded=coded
+        )
+        about = {"leaks": leaks, "nuisances": list(names), "rough": rough, "coded": coded}
         save_clip(clip, folder, seed, {"kind": "photos", **about})
 
 
@@ -91,6 +95,7 @@ def main() -> None:
     photos.add_argument("--leaks", choices=("nozzle", "anywhere"), default="nozzle")
     photos.add_argument("--nuisances", nargs="*", default=None, help="instead of a random few")
     photos.add_argument("--rough", action="store_true", help="filmed carelessly")
+    photos.add_argument("--coded", action="store_true", help="stored as videos of few bits")
     photos.add_argument("--plume", choices=("yes", "no"), default=None)
     sets = kinds.add_parser("sets")
     sets.add_argument("--set", type=Path, required=True, help="folder of photos with their poses")
@@ -118,6 +123,7 @@ def _write_clips(arguments: argparse.Namespace) -> None:
         plume=None if arguments.plume is None else arguments.plume == "yes",
         nuisances=arguments.nuisances,
         rough=arguments.rough,
+        coded=arguments.coded,
     )
 
 

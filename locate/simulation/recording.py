@@ -52,8 +52,9 @@ def write_recording(
             progress(i + 1, len(trajectory))
             yield image
 
-    coded = frames() if capture.coding is None else capture.coding(list(frames()), scene.video.fps)
+    coding = capture.coding
+    stored = frames() if coding is None else coding(list(frames()), scene.video.fps).images
     with open_recording(output, scene.video, trajectory.camera) as video:
-        for image in coded:
+        for image in stored:
             video.write(image)
     write_summary(output, trajectory, fields, renderer.amplitudes_px)

@@ -239,7 +239,7 @@ def test_the_chain_is_not_told_of_the_lens(capture: CaptureSetup) -> None:
 def test_fewer_bits_store_less(capture: CaptureSetup, worse: partial, better: partial) -> None:
     images = render_frames(changed(capture, path=path_of(kind="orbit", arc_deg=12.0))).images
     much, little = (
-        rms(np.array(coding(images, 15.0)), np.array(images)) for coding in (better, worse)
+        rms(np.array(coding(images, 15.0).images), np.array(images)) for coding in (better, worse)
     )
     assert little > 2 * much
     assert much < 6
