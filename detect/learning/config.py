@@ -66,9 +66,11 @@ class PoolConfig(_TrainingSettings):
     photo_set: Path | None = None
 
     @model_validator(mode="after")
-    def _photos_where_rough(self) -> Self:
+    def _can_be_made(self) -> Self:
         if self.rough and self.photos is None:
             raise ValueError("rough clips are made of photos; name their folder")
+        if self.coded and self.photo_set is not None:
+            raise ValueError("coded clips are of plants or single photos, not of photo sets")
         return self
 
     def all_seeds(self) -> list[int]:

@@ -3,11 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from detect.detection import Frames
 from detect.learning.clips import TrainingClip
-from detect.registered.features import FEATURES
+from detect.registered.features import FEATURES, SMALL_PX
 from geometry.errors import BadInputError
 from locate.simulation import clips
-from locate.simulation.clips import draw_clip_scene, make_clip
+from locate.simulation.clips import choose_key_frames, draw_clip_scene, make_clip
 from locate.simulation.scene import CylinderObject
 
 STILL_AIR_SEED = 100_001
@@ -36,6 +37,24 @@ def test_a_clip_of_still_air_is_the_same_every_time(tmp_path: Path) -> None:
     for other in (again, anew):
         np.testing.assert_array_equal(other.inputs, clip.inputs)
         np.testing.assert_array_equal(other.surface, clip.surface)
+
+
+@pytest.mark.usefixtures("small")
+def test_a_coded_clip_is_measured_less_sharply() -> None:
+    def sigma_px(*, coded: bool) -> float:
+        channel = make_clip(STILL_AIR_SEED, coded=coded).inputs[:, FEATURES.index("log_sigma")]
+        return float(np.median(SMALL_PX * np.exp(channel.astype(float))))
+
+    assert sigma_px(coded=True) > sigma_px(coded=False)
+
+
+def test_key_frames_are_not_b_frames_where_others_are_near() -> None:
+    images = [np.zeros((2, 2), np.uint8)] * 24
+    plain = choose_key_frames(Frames(images=images), 4)
+    b_frames = [row for row in range(24) if row % 3]
+    chosen = choose_key_frames(Frames(images=images, b_frames=b_frames), 4)
+    assert plain == [4, 9, 14, 19]
+    assert chosen == [6, 9, 15, 18]
 
 
 def test_clips_are_of_many_kinds() -> None:

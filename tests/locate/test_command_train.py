@@ -94,14 +94,19 @@ def test_each_pool_is_rendered_its_own_way(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(make_clips, "write_photo_set_clips", noted("set"))
     folder, photos = tmp_path / "lessons", [tmp_path / "a.png"]
     rough = PoolConfig(folder=folder, photos=tmp_path, rough=True)
+    coded = PoolConfig(folder=folder, photos=tmp_path, leaks="anywhere", coded=True)
     train._render_clip(rough, photos, 3)
+    train._render_clip(coded, photos, 5)
     train._render_clip(PoolConfig(folder=folder, photo_set=tmp_path / "set"), (), 4)
     assert asked == [
-        ("photos", photos, [3], folder, {"leaks": "nozzle", "rough": True}),
+        ("photos", photos, [3], folder, {"leaks": "nozzle", "rough": True, "coded": False}),
+        ("photos", photos, [5], folder, {"leaks": "anywhere", "rough": False, "coded": True}),
         ("set", tmp_path / "set", [4], folder, {}),
     ]
     with pytest.raises(ValueError, match="made of photos"):
         PoolConfig(folder=folder, rough=True)
+    with pytest.raises(ValueError, match="not of photo sets"):
+        PoolConfig(folder=folder, photo_set=tmp_path / "set", coded=True)
 
 
 class _Here:

@@ -245,6 +245,19 @@ def test_fewer_bits_store_less(capture: CaptureSetup, worse: partial, better: pa
     assert much < 6
 
 
+def test_b_frames_are_known_and_hold_less(capture: CaptureSetup) -> None:
+    video = {"frames": 12, "fps": 15}
+    moving = changed(capture, path=path_of(kind="orbit", arc_deg=12.0), video=video)
+    plain = render_frames(moving)
+    assert len(plain.b_frames) == 0
+    coding = partial(compress_h264, bits_per_pixel=0.3)
+    coded = render_frames(replace(moving, coding=coding))
+    lost = [rms(a, b) for a, b in zip(coded.images, plain.images, strict=True)]
+    is_b = np.isin(np.arange(12), coded.b_frames)
+    assert 3 <= is_b.sum() <= 9
+    assert np.mean(np.array(lost)[is_b]) > np.mean(np.array(lost)[~is_b])
+
+
 def test_every_nuisance_changes_the_film_and_repeats(capture: CaptureSetup) -> None:
     capture = changed(
         capture, path=path_of(kind="orbit", arc_deg=12.0), video={"frames": 3, "fps": 15}
