@@ -5,9 +5,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import onnx
-import torch
 
-from detect.learning.checkpoint import read_checkpoint, write_checkpoint
+from detect.learning.checkpoint import read_checkpoint
 from detect.learning.config import (
     AugmentationConfig,
     LossConfig,
@@ -16,15 +15,13 @@ from detect.learning.config import (
     TrainingStage,
 )
 from detect.learning.export import save_network
-from detect.learning.pools import as_input
-from detect.learning.reread import read_network, revive_norms
+from detect.learning.reread import read_network
 from detect.learning.trainer import train_network
 from detect.network import Network
 from detect.synthesis import Shard
 from detect.synthesis.dataset import SCHEMA, write_index
 
 HAZE, PLUMES, HELD = "haze", "plumes", "held"
-NORM_SAMPLES = 32
 BACKGROUND_SHARE = 0.6
 SEED = 0
 
@@ -60,14 +57,12 @@ def fine_tune(
         BadInputError: The start is not a network of ours, or PATH cannot be written.
     """
     kind, network = read_network(start)
-    revive_norms(network, torch.from_numpy(as_input(haze.images[:NORM_SAMPLES, ..., None])))
     began = Network(start)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for pool, shard in ((HAZE, haze), (PLUMES, plumes), (HELD, held)):
             write_index(folder / pool, {"schema": SCHEMA})
             shard.save(folder / pool / "shard_00000.npz")
-        write_checkpoint(folder / "start.pt", {"network": network.state_dict()})
         config = TrainConfig(
             name=f"{began.name}-adapted",
             network=kind,
@@ -79,7 +74,7 @@ def fine_tune(
             seed=SEED,
             checkpoint_every=steps,
             validate_every=steps,
-            initial=folder / "start.pt",
+            initial=start,
         )
         last = train_network(config, folder / "run", report=report)
         network.load_state_dict(read_checkpoint(last)["network"])

@@ -174,7 +174,7 @@ class TrainConfig(_TrainingSettings):
         checkpoint_every: Steps; at most as many are lost by a kill.
         validate_every: Steps.
         validation_samples: The most that are scored.
-        initial: Weights to begin with, a checkpoint.
+        initial: Weights to begin with: a checkpoint, or an exported .onnx file (fp32).
         trained_on: A line for the metadata: what data, under which licences.
     """
 

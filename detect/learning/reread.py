@@ -1,5 +1,6 @@
 """A network with the weights of an ONNX file, to train it further."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,8 @@ def read_network(path: Path) -> tuple[NetworkConfig, nn.Module]:
         for tensor in onnx.load(path).graph.initializer
         if tensor.name.startswith(PREFIX)
     }
-    for width in WIDTHS:
-        config = NetworkConfig(channels=channels, width=width)
+    for width, normalise in product(WIDTHS, (True, False)):
+        config = NetworkConfig(channels=channels, width=width, normalise=normalise)
         network = build_network(config).eval()
         state = _unfold_norms(network, stored)
         if all(state[name].shape == there.shape for name, there in network.state_dict().items()):

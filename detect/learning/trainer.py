@@ -24,11 +24,14 @@ from detect.learning.checkpoint import (
 from detect.learning.config import TrainConfig, TrainingStage
 from detect.learning.networks import Prediction, build_network
 from detect.learning.pools import SamplePool
+from detect.learning.reread import read_network, revive_norms
 from detect.learning.validation import ValidationScore, validate_network
 from geometry.errors import BadInputError
 
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
 BETAS = (0.9, 0.999)
+NORM_BATCHES = 4
+"""Of which the BatchNorms of an exported network, folded away, get their statistics anew."""
 Report = Callable[[str, float], None]
 
 
@@ -83,7 +86,7 @@ class TrainingRun:
         network = build_network(config.network).to(device)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         if config.initial is not None:
-            load_weights(network, read_checkpoint(config.initial), config.initial)
+            load_weights(network, _read_initial(config.initial), config.initial)
         training = cls(
             config=config,
             folder=folder,
@@ -107,16 +110,21 @@ class TrainingRun:
         for first, stage in self.config.stage_starts():
             if self.step < first + stage.steps:
                 pools = self._load_pools(stage, pools)
-                self._run_stage(first, stage, pools, report)
+                batches = StageBatches(self.config, stage, pools)
+                if self.step == 0 and _is_exported(self.config.initial):
+                    images = [batches[step].image for step in range(NORM_BATCHES)]
+                    revive_norms(self.network, torch.from_numpy(np.concatenate(images)))
+                self._run_stage(first, stage, batches, pools[self.config.validation], report)
 
     def _run_stage(
-        self, first: int, stage: TrainingStage, pools: Mapping[str, SamplePool], report: Report
+        self,
+        first: int,
+        stage: TrainingStage,
+        batches: StageBatches,
+        validation: SamplePool,
+        report: Report,
     ) -> None:
-        config, batches, recent = (
-            self.config,
-            StageBatches(self.config, stage, pools),
-            _RunningMean(),
-        )
+        config, recent = self.config, _RunningMean()
         last = first + stage.steps
         if stage.blend < 1 and self.step == first:
             self.save(BEFORE)
@@ -128,7 +136,7 @@ class TrainingRun:
             if self.step % config.log_every == 0:
                 self._write_journal(kind="train", stage=stage.name, loss=recent.take(), rate=rate)
             if self.step % config.validate_every == 0 or self.step == config.steps:
-                self._validate_pool(stage, pools[config.validation])
+                self._validate_pool(stage, validation)
             if self.step % config.checkpoint_every == 0 or self.step == last:
                 self.save(LAST)
             report(stage.name, (self.step - first) / stage.steps)
@@ -220,6 +228,17 @@ class TrainingRun:
 
     def _write_journal(self, **line: Any) -> None:
         append_to_journal(self.folder, {"step": self.step} | line)
+
+
+def _is_exported(initial: Path | None) -> bool:
+    return initial is not None and initial.suffix == ".onnx"
+
+
+def _read_initial(path: Path) -> Mapping[str, Any]:
+    """A checkpoint, or what one would hold of an exported network."""
+    if _is_exported(path):
+        return {"network": read_network(path)[1].state_dict()}
+    return read_checkpoint(path)
 
 
 class _RunningMean:

@@ -70,6 +70,16 @@ def test_weights_come_back_from_the_file(start: Path) -> None:
             assert torch.allclose(there, here, atol=1e-4)
 
 
+def test_a_network_of_features_comes_back_too() -> None:
+    path = kinds.REGISTERED.find_weights()
+    kind, network = read_network(path)
+    assert not kind.normalise
+    features = np.random.default_rng(0).normal(size=(13, 48, 64)).astype(np.float32)
+    with torch.no_grad():
+        here = network(torch.from_numpy(features[None])).logit[0].numpy()
+    np.testing.assert_allclose(here, Network(path)(features)["logit"], atol=1e-4)
+
+
 def test_revived_norms_say_the_same_and_can_be_trained(start: Path) -> None:
     _, network = read_network(start)
     images = torch.from_numpy(np.stack([wall(i)[:64, :64] for i in range(16)])[:, None] / 255)

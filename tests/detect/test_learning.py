@@ -149,6 +149,24 @@ def test_a_blended_stage_ends_between_its_two_ends(
             torch.testing.assert_close(weights, 0.75 * began[name] + 0.25 * whole[name])
 
 
+def test_a_training_begins_with_an_exported_network(data: Path, tmp_path: Path) -> None:
+    began = train_network(config_of(data, network={"width": 8}), tmp_path / "one", report=quiet)
+    exported = export_training(config_of(data, network={"width": 8}), began.parent)[0]
+    # nothing is learned, so that the weights are still those of the file
+    still = plain()["stages"][0] | {"steps": 1, "learning_rate": [0, 0]}
+    config = config_of(data, network={"width": 8}, initial=str(exported), stages=[still])
+    last = train_network(config, tmp_path / "two", report=quiet)
+    network = build_network(config.network)
+    load_weights(network, read_checkpoint(last), last)
+    image = np.random.default_rng(0).random((1, 1, 64, 64), dtype=np.float32)
+    with torch.no_grad():
+        ours = network.eval()(torch.from_numpy(image)).displacement.numpy()
+    theirs = _session(exported).run(["displacement"], {"image": image})[0]
+    assert np.abs(ours - theirs).max() < 0.1 * np.abs(theirs).max()
+    with pytest.raises(BadInputError, match="another network"):
+        train_network(config_of(data, initial=str(exported)), tmp_path / "three", report=quiet)
+
+
 def test_a_batch_follows_from_its_step(data: Path) -> None:
     config = config_of(data)
     pools = {"some": SamplePool.load(config.pools["some"])}
