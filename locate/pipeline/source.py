@@ -95,7 +95,7 @@ class RecordingSource:
         """The focal length in px of the key frames, as given or by metadata."""
         if self.config.focal_px is None:
             return key_frames.focal_prior_px
-        return self.config.focal_px * key_frames.width / self.open_frames().source_width
+        return self.config.focal_px * key_frames.width / self.open_frames().sizes.source[0]
 
     def given_poses(self, key_frames: KeyFrames) -> NamedPoses | None:
         """The poses of the user's file or of the bag."""

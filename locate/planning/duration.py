@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import prod
 
 import cv2
 import numpy as np
@@ -97,9 +98,9 @@ def estimate_run_time(recording: Recording, amounts: Amounts) -> RunTime:
     measured = min(kept, amounts.detection_frames)
     more = min(max(0, kept - measured - 2 * ENDS), amounts.displacement_frames)
     pixels = recording.width * recording.height / SAMPLE_PIXELS
-    full_pixels = recording.full_width * recording.full_height / SAMPLE_PIXELS
+    full_pixels = prod(recording.sizes.full) / SAMPLE_PIXELS
     compared = amounts.neighbours / SAMPLE_NEIGHBOURS
-    full_s = FULL_SIZE_S * full_pixels * compared if recording.has_full_size else 0.0
+    full_s = FULL_SIZE_S * full_pixels * compared if recording.sizes.has_full_size else 0.0
     speed = min(_timed(_work_once) for _ in range(TRIES)) / REFERENCE_S
     tying = 1.0 if recording.is_video else SIFT_FACTOR
     growth = 1 + FEATURES_SHARE * (pixels - 1)

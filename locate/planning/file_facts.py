@@ -26,7 +26,7 @@ def recording_facts(recording: Recording) -> Iterator[Fact]:
     if prior is None:
         yield "focal length", "not stated; it is estimated, or give --focal or --camera"
     else:
-        own_px = prior.relative * max(recording.source_width, recording.source_height)
+        own_px = prior.relative * max(recording.sizes.source)
         yield "focal length", f"{own_px:.0f} px ({prior.source})"
     if recording.read is None:
         yield "telemetry", describe_telemetry(recording.path)
@@ -64,9 +64,8 @@ def describe_telemetry(path: Path) -> str:
 
 
 def _describe_sizes(recording: Recording) -> str:
-    own = f"{recording.source_width}x{recording.source_height} px"
-    full = f"{recording.full_width}x{recording.full_height} px"
-    working = f"{recording.width}x{recording.height} px"
+    sizes = recording.sizes
+    own, full, working = (f"{w}x{h} px" for w, h in (sizes.source, sizes.full, sizes.working))
     reduced = own if full == own else f"{own}, reduced to {full}"
     return reduced if working == full else f"{reduced}, for poses to {working}"
 

@@ -17,7 +17,7 @@ from locate.messages.stamps import NS_PER_S
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
 from locate.recording.bag_images import BagImages
-from locate.recording.recording import reduced_size
+from locate.recording.sizes import FrameSizes
 
 WAITING_NS = 10 * NS_PER_S
 """Images wait this long for a pose (chosen)."""
@@ -48,19 +48,11 @@ class BagRecording:
             BadInputError: It is no bag, or holds no images that can be read.
         """
         first, stretch = self._images.read_first(), self._images.stretch
-        height, width = first.shape
-        working = reduced_size(width, height, max_side)
-        full = reduced_size(width, height, full_side or max_side)
         warnings = [f"{self.path.name}: {stretch.note}"] if stretch is not None else []
         return Recording(
             path=self.path,
             photos=(),
-            width=working[0],
-            height=working[1],
-            full_width=full[0],
-            full_height=full[1],
-            source_width=width,
-            source_height=height,
+            sizes=FrameSizes.of_image(first, max_side, full_side),
             focal=None,
             stretch=stretch,
             warnings=warnings,

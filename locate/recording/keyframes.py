@@ -74,7 +74,7 @@ def select_frames(
         rows = avoid_b_frames(rows, np.array([frame.is_b_frame for frame in wanted]))
         chosen = [wanted[row] for row in rows]
     thinned = _note_thinned(recording, len(wanted), len(chosen), still=still)
-    full = recording.has_full_size and not still
+    full = recording.sizes.has_full_size and not still
     kept = _write_frames(recording, chosen, folder, progress, full=full)
     return KeyFrames(
         frames=tuple(kept),
@@ -86,8 +86,8 @@ def select_frames(
         focal_source=recording.focal.source if recording.focal else None,
         bits_per_pixel=recording.bits_per_pixel,
         codec=None if recording.coding is None else recording.coding.codec,
-        full_width=recording.full_width if full else None,
-        full_height=recording.full_height if full else None,
+        full_width=recording.sizes.full[0] if full else None,
+        full_height=recording.sizes.full[1] if full else None,
         warnings=(*recording.warnings, *watched.notes, *thinned),
     )
 
@@ -145,7 +145,7 @@ def _write_frames(
     folder.mkdir(parents=True, exist_ok=True)
     if full:
         (folder / FULL_SIZE).mkdir(exist_ok=True)
-        check_space(folder, len(chosen) * recording.full_size_bytes)
+        check_space(folder, len(chosen) * recording.sizes.full_size_bytes)
     wanted = {frame.index: frame for frame in chosen}
     written: list[KeyFrame] = []
     previous: GreyImage | None = None

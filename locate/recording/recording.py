@@ -18,6 +18,7 @@ from locate.recording.formats import PHOTO_SUFFIXES
 from locate.recording.images import read_samples, show_in_grey
 from locate.recording.photo_folder import is_stack, list_photos, note_further_pages
 from locate.recording.photo_groups import keep_one_camera
+from locate.recording.sizes import FrameSizes
 from locate.recording.stack import TiffStack
 from locate.recording.video import (
     NamedImage,
@@ -70,13 +71,7 @@ class Recording:
     Attributes:
         path: The video, the folder or the photo.
         photos: The photos in natural order; empty for a video.
-        width: Working width, px.
-        height: Working height, px.
-        full_width: Width at which pixels are kept beside the working size, px.
-        full_height: Likewise.
-        deep: The samples have more than 8 bits.
-        source_width: Width of the recorded images, px.
-        source_height: Height of the recorded images, px.
+        sizes: Of the images.
         focal: Focal length from metadata, or None.
         expected_frames: What its header or the folder promises; 0 where nothing does.
         stretch: How samples of more than 8 bits are shown in 8; None where they need no stretch.
@@ -89,14 +84,8 @@ class Recording:
 
     path: Path
     photos: tuple[Path, ...]
-    width: int
-    height: int
-    full_width: int
-    full_height: int
-    source_width: int
-    source_height: int
+    sizes: FrameSizes
     focal: FocalPrior | None
-    deep: bool = False
     expected_frames: int = 0
     stretch: Stretch | None = None
     warnings: list[str] = field(default_factory=list)
@@ -108,6 +97,16 @@ class Recording:
     def is_video(self) -> bool:
         """False for photos."""
         return not self.photos
+
+    @property
+    def width(self) -> int:
+        """Working width, px."""
+        return self.sizes.working[0]
+
+    @property
+    def height(self) -> int:
+        """Working height, px."""
+        return self.sizes.working[1]
 
     @property
     def focal_prior_px(self) -> float | None:
@@ -129,22 +128,9 @@ class Recording:
             return None
         return self.coding.bits_per_frame / (self.width * self.height)
 
-    @property
-    def has_full_size(self) -> bool:
-        """Whether `full_size` holds more than the images of the working size."""
-        larger = (self.full_width, self.full_height) != (self.width, self.height)
-        return larger or self.deep
-
-    @property
-    def full_size_bytes(self) -> int:
-        """What `full_size` of a frame takes at most, without the head of a file."""
-        full = (self.full_width, self.full_height)
-        as_recorded = full == (self.source_width, self.source_height)
-        return full[0] * full[1] * (1 if as_recorded and not self.deep else 2)
-
     def full_size(self, frame: Frame) -> GreySamples:
         """The (H', W') samples of a frame at full size; nothing is rounded to 8 bits."""
-        samples, size = frame.samples, (self.full_width, self.full_height)
+        samples, size = frame.samples, self.sizes.full
         if samples.shape == size[::-1]:
             return samples
         levels = samples.astype(np.float32)
@@ -167,11 +153,11 @@ class Recording:
             if not is_wanted(place, source):
                 continue
             image = turn_image(source.load(), self.turns.get(index, 0))
-            if image.shape != (self.source_height, self.source_width):
+            if image.shape[::-1] != self.sizes.source:
                 height, width = image.shape
                 raise BadInputError(
                     f"{self.path}: frame {index} ({source.name}) is {width}x{height}, the first is "
-                    f"{self.source_width}x{self.source_height}; give frames of one camera "
+                    f"{self.sizes.source[0]}x{self.sizes.source[1]}; give frames of one camera "
                     "and one size"
                 )
             yield Frame(
@@ -193,12 +179,10 @@ class Recording:
         )
 
     def _at_working_size(self, image: GreyImage) -> GreyImage:
-        if image.shape == (self.height, self.width):
+        size = self.sizes.working
+        if image.shape == size[::-1]:
             return image
-        return np.asarray(
-            cv2.resize(image, (self.width, self.height), interpolation=cv2.INTER_AREA),
-            dtype=np.uint8,
-        )
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def open_recording(
@@ -231,7 +215,7 @@ def open_recording(
     if path.is_dir() or is_photo:
         photos, warnings = ((path,), []) if is_photo else list_photos(path)
         if len(photos) == 1 and is_stack(photos[0]):
-            return _open_stack(photos[0], max_side, full_side or max_side, warnings)
+            return _open_stack(photos[0], max_side, full_side, warnings)
         warnings += note_further_pages(photos)
         if one_camera:
             kept = keep_one_camera(photos)
@@ -250,20 +234,11 @@ def open_recording(
         metadata, expected_frames = read_video_header(path)
         focal = focal_of_video(metadata)
         stretch = stretch_of_video(path)
-    height, width = first.shape
-    working = reduced_size(width, height, max_side)
-    full = reduced_size(width, height, full_side or max_side)
     return Recording(
         path=path,
         photos=photos,
-        width=working[0],
-        height=working[1],
-        full_width=full[0],
-        full_height=full[1],
-        source_width=width,
-        source_height=height,
+        sizes=FrameSizes.of_image(first, max_side, full_side),
         focal=focal,
-        deep=first.dtype == np.uint16,
         expected_frames=expected_frames,
         stretch=stretch,
         photo_indices=photo_indices,
@@ -272,32 +247,17 @@ def open_recording(
     )
 
 
-def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
-    """Width and height of an image whose longest side is reduced to `max_side` px, if longer."""
-    factor = min(1.0, max_side / max(height, width))
-    return round(width * factor), round(height * factor)
-
-
-def _open_stack(path: Path, max_side: int, full_side: int, warnings: list[str]) -> Recording:
+def _open_stack(path: Path, max_side: int, full_side: int | None, warnings: list[str]) -> Recording:
     stack = TiffStack(path)
     stretch = stack.stretch
     first = next(stack.read([])).load()
-    height, width = first.shape
-    working = reduced_size(width, height, max_side)
-    full = reduced_size(width, height, full_side)
     if stretch is not None:
         warnings.append(f"{path.name}: {stretch.note}")
     return Recording(
         path=path,
         photos=(),
-        width=working[0],
-        height=working[1],
-        full_width=full[0],
-        full_height=full[1],
-        source_width=width,
-        source_height=height,
+        sizes=FrameSizes.of_image(first, max_side, full_side),
         focal=focal_of_photo(path),
-        deep=first.dtype == np.uint16,
         expected_frames=stack.count,
         stretch=stretch,
         warnings=warnings,

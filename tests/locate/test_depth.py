@@ -186,7 +186,7 @@ def test_video_that_uses_its_range_keeps_all_its_bits(tmp_path: Path, kind: str)
         deep = stored.to_ndarray(format="gray16le")
         np.testing.assert_array_equal(recording.full_size(frame), deep)
         np.testing.assert_array_equal(frame.image, deep >> 8)
-    assert recording.has_full_size
+    assert recording.sizes.has_full_size
     assert recording.warnings == []
 
 

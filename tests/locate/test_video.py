@@ -587,7 +587,7 @@ def test_photos_of_one_zoom_are_all_used(tmp_path: Path) -> None:
 def test_turned_photos_have_the_size_they_are_shown_with(tmp_path: Path) -> None:
     folder = write_tagged(tmp_path / "photos", [(3, WIDE | {0x0112: ("H", 6)})])
     recording = open_recording(folder, one_camera=True)
-    assert (recording.source_width, recording.source_height) == (HEIGHT, WIDTH)
+    assert recording.sizes.source == (HEIGHT, WIDTH)
     assert optics_of_photo(recording.photos[0]).size == (HEIGHT, WIDTH)
 
 

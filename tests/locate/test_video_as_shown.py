@@ -152,7 +152,7 @@ def test_pixels_become_square(
 ) -> None:
     path = write(tmp_path / name, [quadrants()] * 3, codec=codec, aspect=aspect)
     recording = open_recording(path)
-    assert (recording.source_width, recording.source_height) == size
+    assert recording.sizes.source == size
     frames = list(recording.frames())
     assert frames[0].image.shape == size[::-1]
     height, width = frames[0].image.shape

@@ -1,0 +1,62 @@
+"""How large the images of a recording are: as recorded, and as they are used."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from geometry.arrays import GreySamples
+
+Size = tuple[int, int]
+"""Width and height, px."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameSizes:
+    """The sizes of the frames of one recording.
+
+    Attributes:
+        source: Of the recorded images.
+        working: At which frames are processed.
+        full: At which pixels are kept beside the working size.
+        deep: The samples have more than 8 bits.
+    """
+
+    source: Size
+    working: Size
+    full: Size
+    deep: bool
+
+    @classmethod
+    def of_image(cls, first: GreySamples, max_side: int, full_side: int | None) -> Self:
+        """By the first image of a recording, (H, W).
+
+        Args:
+            first: As deep as it is.
+            max_side: Longest working side, px.
+            full_side: Longest side at full size, px; None: `max_side`.
+        """
+        height, width = first.shape
+        return cls(
+            source=(width, height),
+            working=_reduced((width, height), max_side),
+            full=_reduced((width, height), full_side or max_side),
+            deep=first.dtype == np.uint16,
+        )
+
+    @property
+    def has_full_size(self) -> bool:
+        """Whether images at full size hold more than those at the working size."""
+        return self.full != self.working or self.deep
+
+    @property
+    def full_size_bytes(self) -> int:
+        """What an image at full size takes at most, without the head of a file."""
+        width, height = self.full
+        return width * height * (1 if self.full == self.source and not self.deep else 2)
+
+
+def _reduced(size: Size, max_side: int) -> Size:
+    """The size with its longest side reduced to `max_side` px, if longer."""
+    factor = min(1.0, max_side / max(size))
+    return round(size[0] * factor), round(size[1] * factor)
