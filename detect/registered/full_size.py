@@ -116,14 +116,15 @@ class FullSizeFrames:
         factors = self._factors.astype(np.float32)
         grid = pixel_grid(shape)
         grid[..., 1] += rows.start
+        x, y = grid[0, :, 0], grid[:, 0, 1]
         registered, visible = np.empty((2, len(neighbours), *shape), np.float32)
         slopes = np.empty((len(neighbours), 2, *shape), np.float32)
         for k, neighbour in enumerate(neighbours):
             moved = cv2.merge([self._enlarge(part, rows) for part in self.flows[k]])
             moved *= factors
+            visible[k] = visible_mask(np.moveaxis(moved, -1, 0), x, y, neighbour.shape)
             moved += grid
             registered[k] = _sample_some(neighbour, moved)
-            visible[k] = _inside(moved, neighbour.shape)
             for part, slope, factor in zip(slopes[k], self.slopes[k], factors, strict=True):
                 np.multiply(self._enlarge(slope, rows), factor, out=part)
         edges = self._enlarge(self.depth_edge_px, rows) * factors.mean()
@@ -155,9 +156,18 @@ def _sample_some(image: FloatMap, positions: FloatMap) -> FloatMap:
     return sample(image[top : int(last) + 2], moved)
 
 
-def _inside(positions: FloatMap, shape: tuple[int, ...]) -> FloatMap:
-    """(h, w) 1 where positions (h, w, 2) lie in an image of that shape, else 0."""
-    x, y = positions[..., 0], positions[..., 1]
-    inside = (x >= BORDER_PX) & (x <= shape[1] - 1 - BORDER_PX)
-    inside &= (y >= BORDER_PX) & (y <= shape[0] - 1 - BORDER_PX)
+def visible_mask(flow: FloatMap, x: FloatMap, y: FloatMap, shape: tuple[int, ...]) -> FloatMap:
+    """(..., H, W) 1 where pixels are still in an image when they have moved, else 0.
+
+    Args:
+        flow: (..., 2, H, W) by how much they move, px.
+        x: (W,) where they are, px.
+        y: (H,) likewise.
+        shape: Of the image.
+    """
+    low_x, low_y = BORDER_PX - x, BORDER_PX - y[:, None]
+    height, width = (side - 1 - 2 * BORDER_PX for side in shape)
+    along_x, along_y = np.moveaxis(flow, -3, 0)
+    inside = (along_x >= low_x) & (along_x <= low_x + width)
+    inside &= (along_y >= low_y) & (along_y <= low_y + height)
     return np.asarray(inside, dtype=np.float32)

@@ -9,7 +9,7 @@ import numpy as np
 from detect.differential import LeastSquaresWindow
 from detect.flow import dis_matcher
 from detect.information import DisplacementInformation
-from detect.registered.full_size import BORDER_PX, FullSizeFrames
+from detect.registered.full_size import FullSizeFrames, visible_mask
 from detect.registered.information import RegisteredFrames, displacement_information
 from detect.registered.pose_errors import SOME, PoseErrors
 from detect.registered.robust_separation import RegisteredNeighbours, median_map, separate_robust
@@ -130,14 +130,9 @@ class Registration:
             view.over_grid(self._x, self._y[rows], inverse_depth, (flow[k], slope[k]))
         return flow, slope
 
-    def _visible_mask(self, flow: FloatMap, x: FloatMap, y: FloatMap) -> FloatMap:
-        """Where pixels of (W,) x and (H,) y that move by (..., 2, H, W) are still in the image."""
-        low_x, low_y = BORDER_PX - x, BORDER_PX - y[:, None]
-        height, width = (side - 1 - 2 * BORDER_PX for side in self._image.shape)
-        along_x, along_y = np.moveaxis(flow, -3, 0)
-        inside = (along_x >= low_x) & (along_x <= low_x + width)
-        inside &= (along_y >= low_y) & (along_y <= low_y + height)
-        return np.asarray(inside, dtype=np.float32)
+    def _visible_mask(self, flow: FloatMap, rows: slice) -> FloatMap:
+        """(..., h, W) where the pixels of some rows are still in the image when they have moved."""
+        return visible_mask(flow, self._x, self._y[rows], self._image.shape)
 
     def _step_depth(self, step: FloatMap) -> None:
         moved = np.clip(self._inverse_depth + step, 0, NEAREST)
@@ -161,9 +156,7 @@ class Registration:
             flow = flows[:, :, rows]
             predicted, lever = self._predict_flow(rows, len(flows))
             error = flow - predicted
-            weights = self._visible_mask(flow, self._x, self._y[rows]) / (
-                1 + squared_length(error) / 4
-            )
+            weights = self._visible_mask(flow, rows) / (1 + squared_length(error) / 4)
             along = np.einsum("nij,nij->ij", weights, dot_product(error, lever))
             steepness = np.einsum("nij,nij->ij", weights, squared_length(lever))
             step[rows] = along / (steepness + TINY)
@@ -177,7 +170,8 @@ class Registration:
         for flow, neighbour in zip(flows, self._neighbours, strict=True):
             predicted, _ = neighbour.view.over_grid(x, y, self._inverse_depth[SOME, SOME])
             error = np.clip(flow[:, SOME, SOME] - predicted, -4, 4)
-            found.append(poses.fit(error, textured * self._visible_mask(predicted, x, y)))
+            visible = visible_mask(predicted, x, y, self._image.shape)
+            found.append(poses.fit(error, textured * visible))
         return np.asarray(found)
 
     def _first_stage(self, poses: PoseErrors, pose_errors: FloatMap, flows: FloatMap) -> FloatMap:
@@ -186,7 +180,7 @@ class Registration:
         displacement = np.empty(flows.shape[1:], np.float32)
         for rows in row_bands(len(step)):
             predicted, slopes = self._predict_flow(rows)
-            visible = self._visible_mask(predicted, self._x, self._y[rows])
+            visible = self._visible_mask(predicted, rows)
             errors = flows[:, :, rows] - predicted
             errors -= poses.error_fields(pose_errors, rows)
             answer = separate_parallax(errors, slopes, visible / (1 + 2 * squared_length(errors)))
@@ -204,7 +198,7 @@ class Registration:
             flow, slopes[:, :, rows] = self._predict_flow(rows)
             flow += poses.error_fields(pose_errors, rows)
             flows[:, :, rows] = flow
-            visible[:, rows] = self._visible_mask(flow, self._x, self._y[rows])
+            visible[:, rows] = self._visible_mask(flow, rows)
             np.add(flow[:, 0], self._x, out=shifts[:, 0, rows])
             np.add(flow[:, 1], self._y[rows, None], out=shifts[:, 1, rows])
         for k, neighbour in enumerate(self._neighbours):
