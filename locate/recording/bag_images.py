@@ -17,7 +17,7 @@ from locate.messages.codec import header_of, read_samples, read_stamp_ns
 from locate.messages.image_stream import ImageStream, StampedImage, decoder_of
 from locate.messages.stamps import NS_PER_S
 from locate.recording.depth import SAMPLED
-from locate.recording.video import NamedImage
+from locate.recording.video import NamedImage, find_gaps
 
 NO_PICTURE = "coded video without a key frame before it, or damaged since the last one"
 """Why messages of coded video give no picture."""
@@ -106,7 +106,7 @@ class BagImages:
                 f"{name}: the stamps of the images do not tell them apart (all zero, or one for "
                 "many): the times at which they were recorded are taken"
             )
-        gaps = _count_gaps(stamps) if self._is_coded else 0
+        gaps = len(find_gaps(stamps, GAP)) if self._is_coded else 0
         if gaps:
             notes.append(
                 f"{name}: {gaps} gaps between the messages of its coded video: where some were "
@@ -120,12 +120,6 @@ class BagImages:
             topics = BagTopics(reader, self._path, self._topics, whole=False)
             messages = topics.sample_messages(topics.image, 1)
             return any(decoder_of(message) is not None for message in messages)
-
-
-def _count_gaps(stamps: list[int]) -> int:
-    """How many stamps come much later than usual after the one before."""
-    steps = np.diff(stamps)
-    return int(np.count_nonzero(steps > GAP * np.median(steps))) if len(steps) else 0
 
 
 def _deep_samples(messages: Iterator[Any]) -> Iterator[DeepSamples]:

@@ -1,6 +1,6 @@
 """A video file, frame by frame as a player shows it: in time, shape, fields and orientation."""
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import av
 import numpy as np
 from av.video.frame import PictureType
+from numpy.typing import NDArray
 
 from geometry import MOST_PIXELS
 from geometry.arrays import GreySamples, Picture
@@ -177,12 +178,16 @@ def _show(frame: av.VideoFrame, geometry: PictureGeometry, stretch: Stretch | No
     return geometry.show(grey_of_frame(frame, stretch))
 
 
+def find_gaps(times: Sequence[float], factor: float) -> NDArray[np.intp]:
+    """Which steps between times are longer than `factor` times the usual one."""
+    steps = np.diff(times)
+    usual = np.median(steps) if len(steps) else 0.0
+    return np.flatnonzero(steps > factor * usual)
+
+
 def _describe_gaps(times_s: list[float]) -> list[str]:
     """A note on steps between frames that are far longer than the usual one; none without."""
-    steps_s = np.diff(times_s)
-    if not len(steps_s):
-        return []
-    gaps = np.flatnonzero(steps_s > GAP * np.median(steps_s))
+    steps_s, gaps = np.diff(times_s), find_gaps(times_s, GAP)
     if not len(gaps):
         return []
     longest = int(gaps[np.argmax(steps_s[gaps])])

@@ -31,7 +31,7 @@ RADIUS_WIDTHS = 2.5
 STARTS, START_UNITS = 12, 0.1
 """Columns from which the evidence of pixels near a turn is sought, and how far they lie from it,
 units of fusion; chosen by hand."""
-NEAR_ROUNDS = ALL_ROUNDS[8:14]
+PIXEL_ROUNDS = ALL_ROUNDS[8:14]
 """Of that search: it begins with small steps; chosen by hand."""
 SAME_AXIS_UNITS, SAME_STRONG_AXIS_UNITS = 0.3, 0.8
 """Within how many units of fusion of a turn the axis by pixels is that of the same plume: where
@@ -193,7 +193,7 @@ def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) 
     starts = np.repeat(column.array[None], STARTS, axis=0)
     starts[1:, [X, Y]] += rng.normal(0, START_UNITS * views.unit, (STARTS - 1, 2))
     evidence = partial(column_evidence, views)
-    _, nats = random_search(evidence, Columns(starts), views.unit, rng, rounds=NEAR_ROUNDS)
+    _, nats = random_search(evidence, Columns(starts), views.unit, rng, rounds=PIXEL_ROUNDS)
     return float(nats.max())
 
 
