@@ -116,7 +116,9 @@ class TurnSearch:
                 rejected = max(rejected, strength.probability)
                 continue
             plume = _measure_turn(score, turn.column, strength, rng)
-            if plume is not None and not _is_near(plume, [*known, *found], unit):
+            if plume is None:
+                rejected = max(rejected, strength.probability)
+            elif not _is_near(plume, [*known, *found], unit):
                 found.append(plume)
                 score = score.without(turn.column.widened(RADIUS_WIDTHS))
         return Decision(plumes=found, rejected=rejected)
