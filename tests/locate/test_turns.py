@@ -8,6 +8,7 @@ from geometry.grid import sum_evidence
 from locate.fusion.find import FoundPlumes
 from locate.fusion.fuse import FusionResult
 from locate.fusion.limit import detection_limit_px
+from locate.fusion.matched import plumes
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, find_turns
 from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch, column_of, strength_of_turn
@@ -132,7 +133,7 @@ def test_a_turn_is_antisymmetric_across_its_axis() -> None:
 
 
 def test_a_plume_needs_a_turn_whatever_its_pixels_say() -> None:
-    sigmas, nats = np.array([10.0, 7.0, 7.0, 3.0]), np.array([0.0, 0.0, 20.0, 300.0])
+    sigmas, nats = np.array([10.0, 7.5, 7.5, 3.0]), np.array([0.0, 0.0, 20.0, 300.0])
     assert passes(sigmas, nats).tolist() == [True, False, True, False]
 
 
@@ -248,6 +249,15 @@ def test_what_more_frames_may_change_is_unsure(
     )
     assert found.is_unsure is unsure
     assert not replace(found, turns=None).is_unsure
+
+
+def test_a_turn_without_an_axis_leaves_doubt(
+    search: TurnSearch, plume: Plume, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plumes, "find_axis", lambda *_: None)
+    none = search.find_plumes([], np.random.default_rng(1))
+    assert none.plumes == []
+    assert none.rejected == pytest.approx(plume.probability)
 
 
 def test_views_that_err_alike_count_once(truth: ColumnTruth) -> None:
