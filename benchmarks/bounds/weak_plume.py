@@ -30,7 +30,8 @@ from locate.fusion.matched.plumes import TurnSearch
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
 from locate.fusion.views import Views
-from locate.pipeline.detections import ENDS, spread_rows
+from locate.pipeline.detections import ENDS
+from locate.recording.spacing import spread_key_rows
 from locate.simulation import random_scene
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.capture import CaptureSetup, build_surfaces
@@ -127,7 +128,7 @@ class WeakPlumeFilm:
         images, noiseless = RenderedOnDemand(scene), RenderedOnDemand(quiet)
         frames = Frames(images=images, trajectory=images.trajectory)
         detector = RegisteredDetector(neighbours=NEIGHBOURS)
-        keys = spread_rows(len(frames), count, ends=ENDS).tolist()
+        keys = spread_key_rows(len(frames), count, ends=ENDS).tolist()
         known = [each for key in keys if (each := detector.measure(frames, key)) is not None]
         detections = [detector.to_detection(*each) for each in known]
         shape = (0, 0, leak.height_m, leak.radius_m, 0)

@@ -13,9 +13,10 @@ from detect.registered.registration import Measurement
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.npz import open_arrays, save_arrays
 from geometry.trajectory import Trajectory
+from locate.recording.spacing import spread_key_rows
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.capture import CaptureSetup, render_frames
-from locate.simulation.clips import choose_key_frames, perturb_poses
+from locate.simulation.clips import UNUSED_END_FRAMES, perturb_poses
 from locate.simulation.scene import Scene
 from locate.simulation.writer import LARGEST_HALF
 
@@ -31,7 +32,8 @@ def record(capture: CaptureSetup, count: int, path: Path) -> None:
     told = perturb_poses(rendered.trajectory, capture.scene.random_stream(13), POSE_ERROR_DEG)
     frames = Frames(images=rendered.images, trajectory=told, b_frames=rendered.b_frames)
     detector = RegisteredDetector()
-    measured = [(key, detector.measure(frames, key)) for key in choose_key_frames(frames, count)]
+    keys = spread_key_rows(len(frames), count, ends=UNUSED_END_FRAMES, b_frames=frames.b_frames)
+    measured = [(key, detector.measure(frames, key)) for key in keys.tolist()]
     known = [(key, *answer) for key, answer in measured if answer is not None]
     arrays = {
         name: np.stack([getattr(m, name) for _, m, _ in known]).clip(-LARGEST_HALF, LARGEST_HALF)

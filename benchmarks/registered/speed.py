@@ -11,8 +11,8 @@ from benchmarks.scenes.limit import load_posed_frames
 from detect.registered.detector import RegisteredDetector, displacement_sigma
 from detect.registered.evidence_network import EvidenceNetwork
 from detect.registered.features import FEATURES, stack_features
-from locate.pipeline.detections import spread_rows
 from locate.pipeline.points import load_points
+from locate.recording.spacing import spread_key_rows
 
 KEY_FRAMES = 16
 
@@ -37,7 +37,7 @@ def main(options: argparse.Namespace) -> None:
     frames = load_posed_frames(options.run, options.run / "frames").undistorted()
     points = load_points(options.run / "points.npz")
     detector = RegisteredDetector(points_in_world=points, weights=options.network)
-    rows = iter([*spread_rows(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)
+    rows = iter([*spread_key_rows(len(frames), KEY_FRAMES, ends=3).tolist()] * 2)
 
     def measured() -> None:
         found = detector.measure(frames, next(rows))

@@ -113,7 +113,8 @@ class TrainingRun:
                 batches = StageBatches(self.config, stage, pools)
                 if self.step == 0 and _is_exported(self.config.initial):
                     images = [batches[step].image for step in range(NORM_BATCHES)]
-                    revive_norms(self.network, torch.from_numpy(np.concatenate(images)))
+                    begun = torch.from_numpy(np.concatenate(images)).to(self.device)
+                    revive_norms(self.network, begun)
                 self._run_stage(first, stage, batches, pools[self.config.validation], report)
 
     def _run_stage(

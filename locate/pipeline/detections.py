@@ -4,18 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from detect.detection import Detection, Detector
 from detect.response import Response
-from geometry.arrays import IntArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError, first_complaint
 from geometry.json_text import parse_json
 from locate.journal.progress import Report
 from locate.recording.posed_frames import PosedFrames
-from locate.recording.spacing import avoid_b_frames
+from locate.recording.spacing import spread_key_rows
 
 ENDS = 3
 """Frames at each end of a recording that are not measured: they lack neighbours on one side."""
@@ -42,7 +40,7 @@ def measure_frames(
     """
     folder.mkdir(exist_ok=True)
     frames = posed.undistorted()
-    rows = spread_rows(
+    rows = spread_key_rows(
         len(frames),
         most,
         ends=0 if posed.trajectory is None else ENDS,
@@ -95,30 +93,6 @@ def load_response(folder: Path) -> Response | None:
     """
     stated = DetectionIndex.load(folder).response
     return None if stated is None else Response.from_plain(stated, str(folder / INDEX))
-
-
-def spread_rows(
-    count: int,
-    most: int,
-    *,
-    ends: int,
-    skip: Sequence[int] | IntArray = (),
-    b_frames: Sequence[int] | IntArray = (),
-) -> IntArray:
-    """At most `most` of `count` rows, evenly, without the `ends` that lack neighbours.
-
-    Args:
-        count: Of all rows.
-        most: Of those chosen.
-        ends: Rows at either end that are left out, as long as one is left between them.
-        skip: Others that are left out.
-        b_frames: Others that are taken only where no other frame is near (`avoid_b_frames`).
-    """
-    ends = min(ends, (count - 1) // 2)
-    usable = np.setdiff1d(np.arange(ends, count - ends), np.asarray(skip, dtype=np.int64))
-    chosen = np.linspace(0, len(usable) - 1, min(most, len(usable)))
-    rows = np.rint(chosen).astype(np.int64)
-    return np.asarray(usable[avoid_b_frames(rows, np.isin(usable, b_frames))])
 
 
 class DetectionIndex(BaseModel):

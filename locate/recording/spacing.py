@@ -1,5 +1,6 @@
 """Frames that are even in image motion, sharp and well coded."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,30 @@ def avoid_b_frames(rows: IntArray, is_b_frame: BoolArray) -> IntArray:
         if len(near):
             moved[k] = near[np.argmin(np.abs(near - row))]
     return moved
+
+
+def spread_key_rows(
+    count: int,
+    most: int,
+    *,
+    ends: int,
+    skip: Sequence[int] | IntArray = (),
+    b_frames: Sequence[int] | IntArray = (),
+) -> IntArray:
+    """At most `most` of `count` rows, evenly, without the `ends` that lack neighbours.
+
+    Args:
+        count: Of all rows.
+        most: Of those chosen.
+        ends: Rows at either end that are left out, as long as one is left between them.
+        skip: Others that are left out.
+        b_frames: Others that are taken only where no other frame is near (`avoid_b_frames`).
+    """
+    ends = min(ends, (count - 1) // 2)
+    usable = np.setdiff1d(np.arange(ends, count - ends), np.asarray(skip, dtype=np.int64))
+    chosen = np.linspace(0, len(usable) - 1, min(most, len(usable)))
+    rows = np.rint(chosen).astype(np.int64)
+    return np.asarray(usable[avoid_b_frames(rows, np.isin(usable, b_frames))])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from detect.registered.features import stack_features
 from detect.synthesis.sample import log_uniform
 from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
-from locate.recording.spacing import avoid_b_frames
+from locate.recording.spacing import spread_key_rows
 from locate.simulation.capture import CaptureSetup, RenderedFrames, render_frames
 from locate.simulation.capture_degradation import DEGRADED_POSE_ERROR_DEG as ROUGH_ERROR_DEG
 from locate.simulation.capture_degradation import degrade_capture
@@ -114,15 +114,10 @@ def measure_clip(
     """Measures key frames of a recording, its poses a little wrong (see `perturb_poses`)."""
     poses = perturb_poses(rendered.trajectory, rng, error_deg)
     frames = Frames(images=rendered.images, trajectory=poses, b_frames=rendered.b_frames)
-    return build_clip(frames, rendered, choose_key_frames(frames, KEY_FRAMES))
-
-
-def choose_key_frames(frames: Frames, count: int) -> list[int]:
-    """Rows of key frames, evenly between the ends; B frames are the last choice, as in a run."""
-    every = np.arange(UNUSED_END_FRAMES, len(frames) - UNUSED_END_FRAMES)
-    chosen = np.linspace(0, len(every) - 1, count).round().astype(int)
-    rows = avoid_b_frames(chosen, np.isin(every, frames.b_frames))
-    return [int(row) for row in every[rows]]
+    keys = spread_key_rows(
+        len(frames), KEY_FRAMES, ends=UNUSED_END_FRAMES, b_frames=frames.b_frames
+    )
+    return build_clip(frames, rendered, keys.tolist())
 
 
 def build_clip(frames: Frames, rendered: RenderedFrames, keys: Sequence[int]) -> TrainingClip:
@@ -166,8 +161,9 @@ def perturb_poses(
 
 
 def _store(capture: CaptureSetup, *, coded: bool) -> CaptureSetup:
-    coding = draw_video_coding(capture.scene.random_stream(28)) if coded else capture.coding
-    return replace(capture, coding=coding)
+    if not coded:
+        return capture
+    return replace(capture, coding=draw_video_coding(capture.scene.random_stream(28)))
 
 
 def _draw_path(rng: np.random.Generator, orbit: PathBlock) -> PathBlock:

@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detect.detection import Frames
 from detect.learning.clips import TrainingClip
 from detect.registered.features import FEATURES, SMALL_PX
 from geometry.errors import BadInputError
+from locate.recording.spacing import spread_key_rows
 from locate.simulation import clips
-from locate.simulation.clips import choose_key_frames, draw_clip_scene, make_clip
+from locate.simulation.clips import UNUSED_END_FRAMES, draw_clip_scene, make_clip
 from locate.simulation.scene import CylinderObject
 
 STILL_AIR_SEED = 100_001
@@ -49,12 +49,11 @@ def test_a_coded_clip_is_measured_less_sharply() -> None:
 
 
 def test_key_frames_are_not_b_frames_where_others_are_near() -> None:
-    images = [np.zeros((2, 2), np.uint8)] * 24
-    plain = choose_key_frames(Frames(images=images), 4)
+    plain = spread_key_rows(24, 4, ends=UNUSED_END_FRAMES)
     b_frames = [row for row in range(24) if row % 3]
-    chosen = choose_key_frames(Frames(images=images, b_frames=b_frames), 4)
-    assert plain == [4, 9, 14, 19]
-    assert chosen == [6, 9, 15, 18]
+    chosen = spread_key_rows(24, 4, ends=UNUSED_END_FRAMES, b_frames=b_frames)
+    assert plain.tolist() == [4, 9, 14, 19]
+    assert chosen.tolist() == [6, 9, 15, 18]
 
 
 def test_clips_are_of_many_kinds() -> None:

@@ -16,9 +16,9 @@ from locate.pipeline.detections import (
     load_detections,
     load_response,
     measure_frames,
-    spread_rows,
 )
 from locate.recording.posed_frames import PosedFrames
+from locate.recording.spacing import spread_key_rows
 
 SAYS = Response(ratios=(0.0, 2.0), llr=(-1.0, 3.0))
 
@@ -74,20 +74,20 @@ def test_a_damaged_index_is_named(tmp_path: Path, content: str | None, says: str
 
 
 def test_frames_measured_already_are_left_out() -> None:
-    first = spread_rows(60, 16, ends=3)
-    others = spread_rows(60, 20, ends=3, skip=first)
+    first = spread_key_rows(60, 16, ends=3)
+    others = spread_key_rows(60, 20, ends=3, skip=first)
     assert not set(first.tolist()) & set(others.tolist())
     assert (len(others), others.min() >= 3, others.max() <= 56) == (20, True, True)
     assert np.diff(others).max() <= 5
-    assert spread_rows(20, 99, ends=3, skip=spread_rows(20, 14, ends=3)).size == 0
+    assert spread_key_rows(20, 99, ends=3, skip=spread_key_rows(20, 14, ends=3)).size == 0
 
 
 def test_b_frames_are_measured_where_no_other_is_near() -> None:
     b_frames = [row for row in range(60) if row % 4]
-    rows = spread_rows(60, 16, ends=3, b_frames=b_frames)
+    rows = spread_key_rows(60, 16, ends=3, b_frames=b_frames)
     assert (len(rows), rows.min() >= 3, rows.max() <= 56) == (16, True, True)
     assert sum(row % 4 == 0 for row in rows) == 14  # of 14 between the ends
     assert np.diff(rows).max() <= 4
-    assert spread_rows(60, 16, ends=3, b_frames=range(60)).tolist() == (
-        spread_rows(60, 16, ends=3).tolist()
+    assert spread_key_rows(60, 16, ends=3, b_frames=range(60)).tolist() == (
+        spread_key_rows(60, 16, ends=3).tolist()
     )
