@@ -6,8 +6,9 @@ COPY pyproject.toml constraints.txt README.md LICENSE NOTICE ./
 COPY geometry geometry
 COPY detect detect
 COPY locate locate
+ENV PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 RUN python -m venv /opt/locate \
-    && /opt/locate/bin/pip install --no-cache-dir -c constraints.txt .
+    && /opt/locate/bin/pip install --no-cache-dir .
 COPY .ci/slim .ci/slim
 RUN .ci/slim /opt/locate
 

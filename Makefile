@@ -3,7 +3,8 @@ PHOTOS ?= ../shared/data/3_backgrounds
 SETS ?= ../shared/data/2_sfm
 EXAMPLES ?= 3000
 BIN := $(VENV)/bin
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
+INSTALL := $(PINNED) $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .PHONY: help demo test site robust fuzz audit sbom hashes licences ros bench peers train lint picture clean
 

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 import locate
 
 ROOT = Path(__file__).parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = SETTINGS["project"]
 VERSIONS = {
     "pyproject.toml": r'^version = "(.+)"',
     "CITATION.cff": r"^version: (.+)",
@@ -35,6 +37,17 @@ def stated(name: str, pattern: str) -> str:
 @pytest.mark.parametrize(("name", "pattern"), VERSIONS.items())
 def test_version(name: str, pattern: str) -> None:
     assert stated(name, pattern) == locate.__version__
+
+
+def test_what_builds_the_package_is_pinned() -> None:
+    pinned = [
+        Requirement(line)
+        for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+        if not line.startswith("#")
+    ]
+    versions = {one.name: str(one.specifier).removeprefix("==") for one in pinned}
+    for needed in map(Requirement, SETTINGS["build-system"]["requires"]):
+        assert versions[needed.name] in needed.specifier
 
 
 def test_address_that_is_a_placeholder_is_shown_to_nobody() -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from detect.kinds import DYBS, REGISTERED, REGISTERED_PLAIN
 from detect.registry import make_detector
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
@@ -28,6 +29,8 @@ from locate.recording import open_recording
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.robot import Locator, LocatorSettings
 
+DETECTORS = (REGISTERED.name, REGISTERED_PLAIN.name, DYBS.name)
+"""Those that need no view without the plume."""
 SIGMAS = np.repeat([np.deg2rad(0.05), 0.005], 3)
 NS = 1_000_000_000
 
@@ -82,7 +85,7 @@ def compare_plumes(name: str, live: Plumes, run: Plumes, sources: FloatArray) ->
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenes", nargs="*", type=Path)
-    parser.add_argument("--detector", default="registered")
+    parser.add_argument("--detector", choices=DETECTORS, default=REGISTERED.name)
     for name in ("width_px", "neighbours", "lag"):
         option = f"--{name.removesuffix('_px')}"
         parser.add_argument(option, type=int, default=getattr(LocatorSettings(), name), dest=name)

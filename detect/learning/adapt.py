@@ -17,7 +17,6 @@ from detect.learning.config import (
 from detect.learning.export import save_network
 from detect.learning.reread import read_network
 from detect.learning.trainer import train_network
-from detect.network import Network
 from detect.synthesis import Shard
 from detect.synthesis.dataset import SCHEMA, write_index
 
@@ -56,8 +55,7 @@ def fine_tune(
     Raises:
         BadInputError: The start is not a network of ours, or PATH cannot be written.
     """
-    kind, network = read_network(start)
-    began = Network(start)
+    began = read_network(start)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for pool, shard in ((HAZE, haze), (PLUMES, plumes), (HELD, held)):
@@ -65,7 +63,7 @@ def fine_tune(
             shard.save(folder / pool / "shard_00000.npz")
         config = TrainConfig(
             name=f"{began.name}-adapted",
-            network=kind,
+            network=began.config,
             pools={pool: PoolConfig(folder=folder / pool) for pool in (HAZE, PLUMES, HELD)},
             validation=HELD,
             stages=_adaptation_stages(steps),
@@ -76,10 +74,12 @@ def fine_tune(
             validate_every=steps,
             initial=start,
         )
-        last = train_network(config, folder / "run", report=report)
-        network.load_state_dict(read_checkpoint(last)["network"])
+        weights = {"network": began.network.state_dict()}
+        last = train_network(config, folder / "run", report=report, initial=weights)
+        began.network.load_state_dict(read_checkpoint(last)["network"])
     trained_on = {"start": began.name, "steps": steps, "data": data}
-    save_network(network.eval(), path, config.name, kind.channels, trained_on)
+    channels = began.config.channels
+    save_network(began.network.eval(), path, config.name, channels, trained_on)
     model = onnx.load(path)
     props = {entry.key: entry.value for entry in model.metadata_props}
     onnx.helper.set_model_props(model, props | dict(metadata))

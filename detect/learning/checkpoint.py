@@ -14,6 +14,8 @@ from geometry.json_text import parse_json
 
 SCHEMA = "locate.training/1"
 JOURNAL = "journal.jsonl"
+CONTENT = {"digest": str, "step": int, "best": float, "network": dict, "optimiser": dict}
+"""What a checkpoint holds, and of which type."""
 
 
 def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
@@ -42,6 +44,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         raise BadInputError(f"{path}: not a readable checkpoint ({line})") from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise BadInputError(f"{path}: not a checkpoint of schema {SCHEMA}")
+    for name, kind in CONTENT.items():
+        if not isinstance(content.get(name), kind):
+            raise BadInputError(f"{path}: not a whole checkpoint ({name} is missing or wrong)")
     return content
 
 
@@ -53,7 +58,7 @@ def load_weights(network: nn.Module, content: Mapping[str, Any], path: Path) -> 
     """
     try:
         network.load_state_dict(content["network"])
-    except RuntimeError as error:
+    except (AttributeError, RuntimeError, TypeError) as error:
         raise BadInputError(f"{path}: weights of another network than the config's") from error
 
 

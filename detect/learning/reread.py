@@ -1,5 +1,6 @@
 """A network with the weights of an ONNX file, to train it further."""
 
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -18,8 +19,23 @@ WIDTHS = range(8, 65, 8)
 PREFIX, FOLDED = "network.", ".weight_bias"
 
 
-def read_network(path: Path) -> tuple[NetworkConfig, nn.Module]:
-    """The network that `detect.learning.export` wrote, fp32, and what kind it is.
+@dataclass(frozen=True, kw_only=True)
+class StoredNetwork:
+    """What an ONNX file holds.
+
+    Attributes:
+        name: By its metadata.
+        config: What kind of network it is.
+        network: It, in evaluation mode.
+    """
+
+    name: str
+    config: NetworkConfig
+    network: nn.Module
+
+
+def read_network(path: Path) -> StoredNetwork:
+    """The network that `detect.learning.export` wrote, fp32.
 
     The file has every BatchNorm folded into its convolution, so each one comes back as a mere
     bias; `revive_norms` makes it one again.
@@ -27,19 +43,19 @@ def read_network(path: Path) -> tuple[NetworkConfig, nn.Module]:
     Raises:
         BadInputError: The file is not a network of ours, is of another design, or is quantised.
     """
-    channels = Network(path).channels
+    whole = Network(path)
     stored = {
         tensor.name.removeprefix(PREFIX): torch.from_numpy(numpy_helper.to_array(tensor).copy())
         for tensor in onnx.load(path).graph.initializer
         if tensor.name.startswith(PREFIX)
     }
     for width, normalise in product(WIDTHS, (True, False)):
-        config = NetworkConfig(channels=channels, width=width, normalise=normalise)
+        config = NetworkConfig(channels=whole.channels, width=width, normalise=normalise)
         network = build_network(config).eval()
         state = _unfold_norms(network, stored)
         if all(state[name].shape == there.shape for name, there in network.state_dict().items()):
             network.load_state_dict(state)
-            return config, network
+            return StoredNetwork(name=whole.name, config=config, network=network)
     raise BadInputError(f"{path}: its weights are not those of an fp32 network of this version")
 
 

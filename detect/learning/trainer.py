@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn.utils import convert_conv2d_weight_memory_format
 
 from detect.learning import losses
 from detect.learning.batches import StageBatches, TrainingBatch
@@ -35,7 +36,9 @@ NORM_BATCHES = 4
 Report = Callable[[str, float], None]
 
 
-def train_network(config: TrainConfig, folder: Path, *, report: Report) -> Path:
+def train_network(
+    config: TrainConfig, folder: Path, *, report: Report, initial: Mapping[str, Any] | None = None
+) -> Path:
     """Trains, or continues from FOLDER's checkpoint.
 
     On one thread the weights do not depend on how often it was killed.
@@ -44,6 +47,8 @@ def train_network(config: TrainConfig, folder: Path, *, report: Report) -> Path:
         config: What to train on what.
         folder: For checkpoints and the journal; made where it is missing.
         report: Called with the progress, (what, share done).
+        initial: A checkpoint, or what one would hold, of `config.initial` where that is read
+            already.
 
     Returns:
         The last checkpoint.
@@ -51,7 +56,7 @@ def train_network(config: TrainConfig, folder: Path, *, report: Report) -> Path:
     Raises:
         BadInputError: A pool is missing, or the checkpoint is of a config that leads elsewhere.
     """
-    training = TrainingRun.begin(config, folder)
+    training = TrainingRun.begin(config, folder, initial)
     training.run(report)
     return folder / LAST
 
@@ -79,14 +84,20 @@ class TrainingRun:
     best: float = -math.inf
 
     @classmethod
-    def begin(cls, config: TrainConfig, folder: Path) -> "TrainingRun":
-        """Fresh weights, or those of FOLDER's checkpoint."""
+    def begin(
+        cls, config: TrainConfig, folder: Path, initial: Mapping[str, Any] | None = None
+    ) -> "TrainingRun":
+        """Fresh weights, those that `config` begins with, or those of FOLDER's checkpoint.
+
+        Samples are not read, so that they need not be there yet. Arguments and errors are those of
+        `train_network`.
+        """
         torch.manual_seed(config.seed)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         network = build_network(config.network).to(device)
-        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        convert_conv2d_weight_memory_format(network, torch.channels_last)
         if config.initial is not None:
-            load_weights(network, _read_initial(config.initial), config.initial)
+            load_weights(network, initial or _read_initial(config.initial), config.initial)
         training = cls(
             config=config,
             folder=folder,
@@ -224,7 +235,10 @@ class TrainingRun:
                 "restore that config or name a new folder"
             )
         load_weights(self.network, content, path)
-        self.optimiser.load_state_dict(content["optimiser"])
+        try:
+            self.optimiser.load_state_dict(content["optimiser"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadInputError(f"{path}: not the state of the config's optimiser") from error
         self.step, self.best = content["step"], content["best"]
 
     def _write_journal(self, **line: Any) -> None:
@@ -238,7 +252,7 @@ def _is_exported(initial: Path | None) -> bool:
 def _read_initial(path: Path) -> Mapping[str, Any]:
     """A checkpoint, or what one would hold of an exported network."""
     if _is_exported(path):
-        return {"network": read_network(path)[1].state_dict()}
+        return {"network": read_network(path).network.state_dict()}
     return read_checkpoint(path)
 
 

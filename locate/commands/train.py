@@ -44,15 +44,16 @@ def train(
         from detect.learning.export import export_training
         from detect.learning.plot import plot_training
         from detect.learning.render import render_missing
-        from detect.learning.trainer import train_network as run
+        from detect.learning.trainer import TrainingRun
     except ModuleNotFoundError as error:
         raise BadInputError("torch is missing; pip install 'plume-locate[train]'") from error
 
     with hold_output(output), progress_bars(err) as report:
+        training = TrainingRun.begin(loaded, output)
         render_missing(loaded, data or path.parent, report=report, processes=processes)
         measure_missing(loaded, report=report)
         render_missing_clips(loaded, report=report, processes=processes)
-        run(loaded, output, report=report)
+        training.run(report)
         files = [*export_training(loaded, output), plot_training(output, output / "training.png")]
     for file in files:
         out.print(f"Wrote {file}", soft_wrap=True)

@@ -1,7 +1,8 @@
 """The images of a bag: on one scale of grey, on one clock, with the reasons for those left out."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.arrays import GreySamples
+from geometry.arrays import GreyImage, GreySamples
 from geometry.errors import BadInputError
 from geometry.stretch import DeepSamples, Stretch, deep_samples
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
@@ -17,7 +18,7 @@ from locate.messages.codec import header_of, read_samples, read_stamp_ns
 from locate.messages.image_stream import ImageStream, StampedImage, decoder_of
 from locate.messages.stamps import NS_PER_S
 from locate.recording.depth import SAMPLED
-from locate.recording.video import NamedImage, find_gaps
+from locate.recording.video import LeftOutError, NamedImage, find_gaps
 
 NO_PICTURE = "coded video without a key frame before it, or damaged since the last one"
 """Why messages of coded video give no picture."""
@@ -67,7 +68,8 @@ class BagImages:
         """
         notes: list[str] = []
         for image in self.read(notes):
-            return image.load()
+            with suppress(LeftOutError):
+                return image.load()
         reason = notes[0] if notes else f"{self._path.name}: its topic of images is empty"
         raise BadInputError(f"{self._path}: not one image of this bag can be read: {reason}")
 
@@ -75,23 +77,40 @@ class BagImages:
         """Time from the first (s), name and image; what cannot be read is noted in `warnings`."""
         left_out: Counter[str] = Counter()
         stamps: list[int] = []
-        for stamp, image in self._read_stamped(left_out):
+
+        def load(read: Callable[[], GreyImage]) -> GreyImage:
+            try:
+                return read()
+            except BadInputError as error:
+                left_out[str(error)] += 1
+                del stamps[-1]
+                raise LeftOutError from error
+
+        for stamp, read in self._read_stamped(left_out):
             stamps.append(stamp)
-            yield NamedImage((stamp - stamps[0]) / NS_PER_S, str(stamp), partial(np.asarray, image))
+            time_s = (stamp - stamps[0]) / NS_PER_S
+            yield NamedImage(time_s, str(stamp), partial(load, read))
         self._add_notes(warnings, left_out, stamps)
 
-    def _read_stamped(self, left_out: Counter[str]) -> Iterator[StampedImage]:
+    def _read_stamped(
+        self, left_out: Counter[str]
+    ) -> Iterator[tuple[int, Callable[[], GreyImage]]]:
+        """Stamps (ns), and what gives the image; coded video is decoded as it comes."""
         stream = ImageStream(self.stretch)
         with open_bag(self._path) as reader:
             topics = BagTopics(reader, self._path, self._topics, whole=False)
             for _, time_ns, message in topics.read_messages(
                 [topics.image], lambda _, error: left_out.update([str(error)])
             ):
+                stamp = self.stamp_ns(message, time_ns)
+                if decoder_of(message) is None:
+                    yield stamp, partial(_read_picture, stream, message)
+                    continue
                 try:
-                    yield from stream.read(message, self.stamp_ns(message, time_ns))
+                    yield from _decoded(stream.read(message, stamp))
                 except BadInputError as error:
                     left_out[str(error)] += 1
-        yield from stream.finish()
+        yield from _decoded(stream.finish())
         if stream.pictureless:
             left_out[NO_PICTURE] += stream.pictureless
 
@@ -120,6 +139,15 @@ class BagImages:
             topics = BagTopics(reader, self._path, self._topics, whole=False)
             messages = topics.sample_messages(topics.image, 1)
             return any(decoder_of(message) is not None for message in messages)
+
+
+def _read_picture(stream: ImageStream, message: Any) -> GreyImage:
+    (picture,) = stream.read(message, 0)
+    return picture.image
+
+
+def _decoded(images: Iterable[StampedImage]) -> Iterator[tuple[int, Callable[[], GreyImage]]]:
+    return ((stamp, partial(np.asarray, image)) for stamp, image in images)
 
 
 def _deep_samples(messages: Iterator[Any]) -> Iterator[DeepSamples]:

@@ -14,6 +14,7 @@ from geometry.errors import BadInputError
 from geometry.stretch import MOST_BITS, DeepSamples, Stretch, deep_samples
 from locate.recording.formats import DEEP_SUFFIXES
 from locate.recording.images import read_samples
+from locate.recording.spacing import spread_rows
 from locate.recording.streams import picture_stream
 
 SAMPLED = 9
@@ -29,18 +30,13 @@ DEEP_GREY = "gray16le"
 def stretch_of_photos(paths: Sequence[Path]) -> Stretch | None:
     """That of photos with deep samples; None where all that were looked at have 8 bits."""
     able = [path for path in paths if path.suffix.lower() in DEEP_SUFFIXES]
-    return Stretch.choose(_deep_photos([able[row] for row in spread_rows(len(able))]))
+    return Stretch.choose(_deep_photos([able[row] for row in spread_rows(len(able), SAMPLED)]))
 
 
 def stretch_of_video(path: Path) -> Stretch | None:
     """That of a video of more than 8 bits; None where its 8 highest bits are used well."""
     stretch = Stretch.choose(_deep_video_frames(path), bits=MOST_BITS)
     return None if stretch is None or stretch.is_whole_range else stretch
-
-
-def spread_rows(count: int) -> list[int]:
-    """At most `SAMPLED` of so many rows, the first and the last among them."""
-    return [int(row) for row in np.linspace(0, count - 1, min(count, SAMPLED)).round()]
 
 
 def grey_of_frame(frame: av.VideoFrame, stretch: Stretch | None) -> GreySamples:

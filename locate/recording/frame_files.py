@@ -65,10 +65,9 @@ class FrameFiles:
                 stretch=recording.stretch,
             )
         kept = []
-        for frame in recording.frames():
-            if frame.index % every == 0:
-                write_png(workshop / f"{frame.index:06d}.png", frame.image)
-                kept.append((frame.index, frame.time_s))
+        for frame in recording.frames(lambda index, _: index % every == 0):
+            write_png(workshop / f"{frame.index:06d}.png", frame.image)
+            kept.append((frame.index, frame.time_s))
         indices, times_s = zip(*kept, strict=True)
         return cls(
             folder=workshop,

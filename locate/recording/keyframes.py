@@ -70,7 +70,7 @@ def select_frames(
         by_motion = recording.is_video and len(spaced) >= MIN_KEY_FRAMES
         wanted = spaced if by_motion else every
         motions = [1.0 if by_motion else frame.motion_px for frame in wanted]
-        rows = _spread_rows(np.cumsum(motions), max_frames)
+        rows = _spread_along(np.cumsum(motions), max_frames)
         rows = avoid_b_frames(rows, np.array([frame.is_b_frame for frame in wanted]))
         chosen = [wanted[row] for row in rows]
     thinned = _note_thinned(recording, len(wanted), len(chosen), still=still)
@@ -108,7 +108,7 @@ def _note_thinned(recording: Recording, wanted: int, chosen: int, *, still: bool
     ]
 
 
-def _spread_rows(path: FloatArray | IntArray, count: int) -> IntArray:
+def _spread_along(path: FloatArray | IntArray, count: int) -> IntArray:
     """At most `count` of the frames, evenly along `path`, a length that never falls."""
     if len(path) <= count:
         return np.arange(len(path))
@@ -120,7 +120,7 @@ def _spread_rows(path: FloatArray | IntArray, count: int) -> IntArray:
 def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFrame]:
     """At most `count` frames, evenly; in a video of more, half of them in a row if need be."""
     indices = np.array([frame.index for frame in frames], dtype=np.int64)
-    evenly = [frames[row] for row in _spread_rows(indices, count)]
+    evenly = [frames[row] for row in _spread_along(indices, count)]
     if not in_time or np.median(np.diff([frame.time_s for frame in evenly])) <= CLOSELY_S:
         return evenly
     middle = len(frames) // 2
@@ -130,7 +130,7 @@ def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFr
     start = max(0, (len(frames) - count // 2 * step) // 2)
     row = frames[start::step][: count // 2]
     others = [frame for frame in evenly if frame not in row]
-    spread = _spread_rows(np.arange(len(others)), count - len(row))
+    spread = _spread_along(np.arange(len(others)), count - len(row))
     return sorted((*row, *(others[k] for k in spread)), key=lambda frame: frame.index)
 
 

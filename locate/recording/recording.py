@@ -21,6 +21,7 @@ from locate.recording.photo_groups import keep_one_camera
 from locate.recording.sizes import FrameSizes
 from locate.recording.stack import TiffStack
 from locate.recording.video import (
+    LeftOutError,
     NamedImage,
     VideoCoding,
     first_video_image,
@@ -142,8 +143,8 @@ class Recording:
         """Yields the frames in order; one frame is in memory at a time.
 
         Args:
-            is_wanted: Told the index of a frame and what it comes from; the others of a video are
-                decoded and no more, other photos are not read.
+            is_wanted: Told the index of a frame and what it comes from; the others of a video, and
+                of coded video in a bag, are decoded and no more, others are not decoded.
 
         Raises:
             BadInputError: A photo cannot be read, or the frames change in size.
@@ -152,7 +153,10 @@ class Recording:
             place = self.photo_indices[index] if self.photo_indices else index
             if not is_wanted(place, source):
                 continue
-            image = turn_image(source.load(), self.turns.get(index, 0))
+            try:
+                image = turn_image(source.load(), self.turns.get(index, 0))
+            except LeftOutError:
+                continue
             if image.shape[::-1] != self.sizes.source:
                 height, width = image.shape
                 raise BadInputError(

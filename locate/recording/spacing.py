@@ -39,6 +39,11 @@ def avoid_b_frames(rows: IntArray, is_b_frame: BoolArray) -> IntArray:
     return moved
 
 
+def spread_rows(count: int, most: int) -> IntArray:
+    """At most `most` of `count` rows, evenly, the first and the last among them."""
+    return np.rint(np.linspace(0, count - 1, min(most, count))).astype(np.int64)
+
+
 def spread_key_rows(
     count: int,
     most: int,
@@ -58,8 +63,7 @@ def spread_key_rows(
     """
     ends = min(ends, (count - 1) // 2)
     usable = np.setdiff1d(np.arange(ends, count - ends), np.asarray(skip, dtype=np.int64))
-    chosen = np.linspace(0, len(usable) - 1, min(most, len(usable)))
-    rows = np.rint(chosen).astype(np.int64)
+    rows = spread_rows(len(usable), most)
     return np.asarray(usable[avoid_b_frames(rows, np.isin(usable, b_frames))])
 
 

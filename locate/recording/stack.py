@@ -9,13 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.arrays import GreySamples
 from geometry.errors import BadInputError
 from geometry.stretch import Samples, Stretch, as_samples, deep_samples
 from locate.recording.decoders import reason_of
-from locate.recording.depth import spread_rows
+from locate.recording.depth import SAMPLED
 from locate.recording.images import show_in_grey
+from locate.recording.spacing import spread_rows
 from locate.recording.tiff_pages import TiffPages
-from locate.recording.video import NamedImage
+from locate.recording.video import LeftOutError, NamedImage
 
 PAGE_RATE = 25.0
 """Pages a second: TIFF states no times."""
@@ -36,30 +38,36 @@ class TiffStack:
     @cached_property
     def stretch(self) -> Stretch | None:
         """How deep pages are shown; None where all that were looked at have 8 bits."""
-        pages = (deep_samples(self._read_page(row)) for row in spread_rows(self.count))
+        rows = spread_rows(self.count, SAMPLED).tolist()
+        pages = (deep_samples(self._read_page(row)) for row in rows)
         return Stretch.choose(page for page in pages if page is not None)
 
     def read(self, warnings: list[str]) -> Iterator[NamedImage]:
-        """Time, name and image of every page of the size of the first.
+        """Time, name and image of every page; those of another size than the first are left out.
 
-        Raises:
-            BadInputError: A page cannot be read.
+        A page that cannot be read is refused when its image is loaded.
         """
         others: Counter[str] = Counter()
-        size: tuple[int, ...] | None = None
         for row in range(self.count):
-            image = show_in_grey(self._read_page(row), self.stretch)
-            size = size or image.shape
-            if image.shape == size:
-                yield NamedImage(row / PAGE_RATE, self._path.name, partial(np.asarray, image))
-            else:
-                others[f"{image.shape[1]}x{image.shape[0]}"] += 1
+            load = partial(self._load_page, row, others)
+            yield NamedImage(row / PAGE_RATE, self._path.name, load)
         notes = [
             f"{self._path.name}: its {self.count} pages are read as a video of {PAGE_RATE:g} "
             "frames a second, as TIFF states no times",
             *(f"{self._path.name}: {n} pages of {name} px left out" for name, n in others.items()),
         ]
         warnings += [note for note in notes if note not in warnings]
+
+    def _load_page(self, row: int, others: Counter[str]) -> GreySamples:
+        samples = self._read_page(row)
+        if samples.shape != self._shape:
+            others[f"{samples.shape[1]}x{samples.shape[0]}"] += 1
+            raise LeftOutError
+        return show_in_grey(samples, self.stretch)
+
+    @cached_property
+    def _shape(self) -> tuple[int, ...]:
+        return self._read_page(0).shape
 
     @cached_property
     def _content(self) -> NDArray[np.uint8]:

@@ -31,13 +31,18 @@ GAP = 2.5
 UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 
 
+class LeftOutError(Exception):
+    """An image that is no frame of the recording; its reader notes why."""
+
+
 class NamedImage(NamedTuple):
     """An image of a recording.
 
     Attributes:
         time_s: From the first one.
         name: Of what it comes from.
-        load: Gives it, (H, W) as deep as it is, until the next one is asked for.
+        load: Gives it, (H, W) as deep as it is, until the next one is asked for, or raises
+            `LeftOutError`.
         is_b_frame: Whether a codec made it of frames before and after it, with the fewest bits.
     """
 

@@ -62,26 +62,27 @@ def wall(seed: int = 0, shape: tuple[int, int] = (176, 208)) -> np.ndarray:
 
 
 def test_weights_come_back_from_the_file(start: Path) -> None:
-    kind, network = read_network(start)
-    assert kind.width == 8
+    stored = read_network(start)
+    assert stored.name == "small"
+    assert stored.config.width == 8
     image = torch.rand(2, 1, 48, 64)
     with torch.no_grad():
-        for there, here in zip(trained_looking()(image), network(image), strict=True):
+        for there, here in zip(trained_looking()(image), stored.network(image), strict=True):
             assert torch.allclose(there, here, atol=1e-4)
 
 
 def test_a_network_of_features_comes_back_too() -> None:
     path = kinds.REGISTERED.find_weights()
-    kind, network = read_network(path)
-    assert not kind.normalise
+    stored = read_network(path)
+    assert not stored.config.normalise
     features = np.random.default_rng(0).normal(size=(13, 48, 64)).astype(np.float32)
     with torch.no_grad():
-        here = network(torch.from_numpy(features[None])).logit[0].numpy()
+        here = stored.network(torch.from_numpy(features[None])).logit[0].numpy()
     np.testing.assert_allclose(here, Network(path)(features)["logit"], atol=1e-4)
 
 
 def test_revived_norms_say_the_same_and_can_be_trained(start: Path) -> None:
-    _, network = read_network(start)
+    network = read_network(start).network
     images = torch.from_numpy(np.stack([wall(i)[:64, :64] for i in range(16)])[:, None] / 255)
     images = images.float()
     with torch.no_grad():
@@ -191,7 +192,7 @@ def test_adapted_network_is_a_detector_for_images_of_full_size(
     assert network.name == "small-adapted"
     found = DybsDetector(path).detect(Frames(images=[wall(9, (101, 133))]), 0)
     assert found.llr.shape == (101, 133)
-    again, _ = read_network(path)
+    again = read_network(path).config
     assert again.width == 8
 
 

@@ -471,6 +471,28 @@ def test_a_checkpoint_is_never_run(tmp_path: Path) -> None:
         read_checkpoint(path)
 
 
+def test_a_checkpoint_that_lacks_something_is_refused(trained: Path, tmp_path: Path) -> None:
+    path, whole = tmp_path / LAST, torch.load(trained / LAST, weights_only=True)
+    for name in ("digest", "step", "best", "network", "optimiser"):
+        torch.save(whole | {name: None}, path)
+        with pytest.raises(BadInputError, match=f"{name} is missing or wrong"):
+            read_checkpoint(path)
+    network = build_network(TrainConfig.model_validate(plain()).network)
+    for weights in ({}, {"a": 1}, {1: torch.zeros(2)}):
+        with pytest.raises(BadInputError, match="another network"):
+            load_weights(network, {"network": weights}, path)
+
+
+def test_a_checkpoint_of_another_optimiser_is_refused(data: Path, trained: Path) -> None:
+    whole = torch.load(trained / LAST, weights_only=True)
+    folder = data / "damaged"
+    folder.mkdir()
+    for state in ({}, {"state": {}, "param_groups": []}, {"state": 1, "param_groups": [1]}):
+        torch.save(whole | {"optimiser": state}, folder / LAST)
+        with pytest.raises(BadInputError, match="not the state of the config's optimiser"):
+            train_network(config_of(data), folder, report=quiet)
+
+
 def test_the_config_needs_no_torch() -> None:
     code = "import sys, detect.learning.config; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,9 +1,11 @@
 """`locate train`: shipped trainings by name, and clips that are not there yet."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
 
 from detect.kinds import DYBS
 from detect.learning.clips import clip_path
@@ -12,6 +14,7 @@ from detect.network import Network
 from detect.registered.features import FEATURES, Feature
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
+from locate import cli
 from locate.commands import train
 from locate.commands.train import config_path, render_missing_clips
 from locate.simulation import make_clips
@@ -107,6 +110,38 @@ def test_each_pool_is_rendered_its_own_way(tmp_path: Path, monkeypatch: pytest.M
         PoolConfig(folder=folder, rough=True)
     with pytest.raises(ValueError, match="not of photo sets"):
         PoolConfig(folder=folder, photo_set=tmp_path / "set", coded=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("gone.onnx", "gone.onnx: no such network"),
+        ("text.onnx", "text.onnx: not a readable"),
+        ("gone.pt", "gone.pt: not a readable checkpoint"),
+        ("text.pt", "text.pt: not a readable checkpoint"),
+    ],
+)
+def test_a_broken_network_to_begin_with_is_told_before_anything_is_rendered(
+    tmp_path: Path,
+    name: str,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for damaged in ("text.onnx", "text.pt"):
+        (tmp_path / damaged).write_text("no network")
+    stage = {"name": "one", "pools": {"plants": 1}, "steps": 1, "learning_rate": [1e-3, 1e-3]}
+    pools = {"plants": {"folder": "plants", "seeds": [[0, 1]]}}
+    content = {"name": "a", "pools": pools, "validation": "plants", "stages": [stage]}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content | {"initial": name}))
+    monkeypatch.setattr(
+        sys, "argv", ["locate", "train", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out")]
+    )
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert said in " ".join(capsys.readouterr().err.splitlines())
+    assert not (tmp_path / "plants").exists()
 
 
 class _Here:

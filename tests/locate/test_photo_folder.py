@@ -122,6 +122,24 @@ def test_the_pages_of_one_tiff_are_a_video(tmp_path: Path, deep: bool, alone: bo
     assert any("1 pages of" in note for note in kept.warnings)
 
 
+def test_pages_that_are_not_wanted_are_not_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images = pan([5.0 * i for i in range(12)])
+    path = tmp_path / "a.tif"
+    with tifffile.TiffWriter(path) as writer:
+        for image in (images[0], images[0][::2, ::2], *images[1:]):
+            writer.write(image, photometric="minisblack")
+    recording = open_recording(path)
+    decode, decoded = cv2.imdecode, []
+    monkeypatch.setattr(cv2, "imdecode", lambda *given: decoded.append(1) or decode(*given))
+    frames = list(recording.frames(lambda index, _: index in (1, 2, 7)))
+    assert [frame.index for frame in frames] == [2, 7]
+    for frame in frames:
+        np.testing.assert_array_equal(frame.image, images[frame.index - 1])
+    assert len(decoded) == 3
+
+
 def test_pages_of_damaged_and_circular_tiff_files_are_counted_in_finite_time(
     tmp_path: Path,
 ) -> None:

@@ -14,6 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores
 
 from geometry.errors import BadInputError
+from locate.messages.codec import GreyReader
 from locate.messages.stamps import NS_PER_S
 from locate.recording.bag import BagRecording
 from tests.robot.test_bag_playing import MessageRecorder
@@ -102,6 +103,27 @@ def test_images_that_use_twelve_bits_keep_the_highest_eight(tmp_path: Path) -> N
     images, _ = images_of(recording)
     for i, image in enumerate(images):
         np.testing.assert_array_equal(image, scene(i))
+
+
+def test_images_that_are_not_wanted_are_not_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = ImageBag()
+    encodings = ["none" if i in (0, 4) else "mono8" for i in range(COUNT)]
+    written = bag.write(tmp_path, lambda i, t: bag.picture(scene(i), encodings[i], t))
+    read, decoded = GreyReader.read, []
+    monkeypatch.setattr(GreyReader, "read", lambda *given: decoded.append(1) or read(*given))
+    recording = written.open_recording(max_side=1280)
+    every = list(recording.frames())
+    assert [frame.index for frame in every] == [1, 2, 3, *range(5, COUNT)]
+    assert every[0].time_s == 0
+    assert any(f"2 of {COUNT} images cannot be read" in note for note in recording.warnings)
+    decoded.clear()
+    frames = list(recording.frames(lambda index, _: index in (3, 4, 7)))
+    assert len(decoded) == 3
+    assert [frame.source for frame in frames] == [every[2].source, every[5].source]
+    for frame in frames:
+        np.testing.assert_array_equal(frame.image, scene(frame.index))
 
 
 @pytest.mark.parametrize("stamp_ns", [0, START_NS])
