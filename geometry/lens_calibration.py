@@ -92,9 +92,9 @@ def calibrate_lens(
         )
     fitted = {name: _others_px(views, size, name) for name in (LENSES if lens is None else [lens])}
     best = min(fitted.values())
-    chosen = next(name for name, error_px in fitted.items() if error_px <= AS_GOOD * best)
     if not np.isfinite(best):
         raise BadInputError("no camera explains the boards; check --board, film more slowly")
+    chosen = next(name for name, error_px in fitted.items() if error_px <= AS_GOOD * best)
     camera = _fit(views, size, chosen)
     residuals = tuple(_residuals(view, camera) for view in views)
     rms_px = _rms(np.concatenate(residuals))

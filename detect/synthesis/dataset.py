@@ -19,7 +19,7 @@ from geometry.arrays import BoolArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
-from geometry.npz import check_numbers, open_arrays, save_arrays
+from geometry.npz import as_float32, check_numbers, open_arrays, save_arrays
 
 SCHEMA = "locate.samples/1"
 INDEX_NAME = "dataset.json"
@@ -97,6 +97,7 @@ class Shard:
 
     def _check(self) -> None:
         check_numbers(images=self.images, displacements=self.displacements)
+        as_float32(self.displacements)
         shape = self.masks.shape
         fitting = self.displacements.shape == (*shape, 2) and self.images.shape[:3] == shape
         if len(shape) != 3 or not fitting or self.families.shape != shape[:1]:

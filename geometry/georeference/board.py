@@ -63,6 +63,8 @@ def marker_board(
     if not (size_m > 0 and gap_m >= 0 and columns > 0 and rows > 0):
         raise BadInputError("board: its size must be positive")
     markers = cv2.aruco.getPredefinedDictionary(known)
+    if columns * rows > len(markers.bytesList):
+        raise BadInputError(f"board: {dictionary} has {len(markers.bytesList)} markers, no more")
     return cv2.aruco.GridBoard((columns, rows), size_m, gap_m or size_m, markers)
 
 

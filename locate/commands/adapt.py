@@ -18,7 +18,9 @@ def adapt(
         Path, typer.Argument(help="A run folder, an image, a folder of photos or a video.")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The .onnx file to write.")],
-    minutes: Annotated[float, typer.Option(min=0.01, help="Of one processor thread, about.")] = 2.0,
+    minutes: Annotated[
+        float, typer.Option(min=0.01, max=1e4, help="Of one processor thread, about.")
+    ] = 2.0,
     weights: Weights = None,
 ) -> None:
     """Teach the single-frame detector a background, from frames of it without a plume."""

@@ -1,5 +1,6 @@
 """`locate bos`."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -76,7 +77,7 @@ def parse_reference(text: str, stretch: "Stretch | None" = None) -> GreyImage | 
     """
     kind, colon, count = text.partition(":")
     if kind == "first" and colon:
-        if not count.isdecimal() or int(count) < 1:
+        if not re.fullmatch(r"0*[1-9]\d{0,8}", count, re.ASCII):
             raise BadInputError(f"--reference {text}: expected first:N with N of 1 or more")
         return int(count)
     from locate.recording.images import read_grey

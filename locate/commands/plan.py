@@ -18,11 +18,14 @@ STEP_SHARES = (0.0, 0.05, 0.1, 0.25, 0.5, 1.0)
 
 def plan(
     to_plume: Annotated[
-        float, typer.Option(min=1e-2, help="Range to the plume, m.", rich_help_panel=CAMERA)
+        float,
+        typer.Option(min=1e-2, max=1e6, help="Range to the plume, m.", rich_help_panel=CAMERA),
     ],
     to_background: Annotated[
         float,
-        typer.Option(min=1e-2, help="Range to what is behind it, m.", rich_help_panel=CAMERA),
+        typer.Option(
+            min=1e-2, max=1e6, help="Range to what is behind it, m.", rich_help_panel=CAMERA
+        ),
     ],
     gas: Annotated[Gas, typer.Option(help="What comes out.", rich_help_panel=SOURCE)] = "air",
     rise: Annotated[
@@ -39,17 +42,19 @@ def plan(
     ] = 1.0,
     leak: Annotated[
         float | None,
-        typer.Option(min=1e-6, help="Leak rate in g/s; or --radius.", rich_help_panel=SOURCE),
+        typer.Option(
+            min=1e-6, max=1e9, help="Leak rate in g/s; or --radius.", rich_help_panel=SOURCE
+        ),
     ] = None,
     radius: Annotated[
         float | None,
         typer.Option(
-            min=1e-4, help="Radius of the source in m; or --leak.", rich_help_panel=SOURCE
+            min=1e-4, max=1e3, help="Radius of the source in m; or --leak.", rich_help_panel=SOURCE
         ),
     ] = None,
     focal: Annotated[
         float | None,
-        typer.Option(min=1, help="Focal length in px; or --fov.", rich_help_panel=CAMERA),
+        typer.Option(min=1, max=1e7, help="Focal length in px; or --fov.", rich_help_panel=CAMERA),
     ] = None,
     fov: Annotated[
         float | None,

@@ -104,6 +104,7 @@ def run(
         float | None,
         typer.Option(
             min=1e-6,
+            max=1e7,
             help="Focal length in px of the recording's frames.",
             rich_help_panel=CAMERA,
         ),
@@ -148,6 +149,7 @@ def run(
         float | None,
         typer.Option(
             min=1e-3,
+            max=1e6,
             help="Height of the camera above the ground in m; sets the scale.",
             rich_help_panel=PLACE,
         ),

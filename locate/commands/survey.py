@@ -29,7 +29,7 @@ def survey(
         Path | None, typer.Option(help="As of locate run; one camera for every flight.")
     ] = None,
     focal: Annotated[
-        float | None, typer.Option(min=1e-6, help="Focal length in px of the flights' frames.")
+        float | None, typer.Option(min=1e-6, max=1e7, help="Focal length in px of the frames.")
     ] = None,
     max_frames: Annotated[
         int | None, typer.Option(min=2, help="The most frames to use of each flight.")

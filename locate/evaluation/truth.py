@@ -3,17 +3,18 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.errors import BadInputError, first_complaint
 from geometry.npz import as_float32, read_npz
-from geometry.trajectory import Trajectory
+from geometry.trajectory import FARTHEST, Trajectory
 
-_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Length = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+_Vector = tuple[_Length, _Length, _Length]
 
 
 class _PlumeBlock(BaseModel):

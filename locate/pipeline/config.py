@@ -71,14 +71,14 @@ class RunConfig(BaseModel):
     weights: Path | None = None
     poses: Path | None = None
     camera: Path | None = None
-    focal_px: float | None = Field(default=None, gt=0)
+    focal_px: float | None = Field(default=None, gt=0, le=1e7)
     lens: Lens = "auto"
     telemetry: Path | None = None
     telemetry_offset_s: float | None = Field(default=None, allow_inf_nan=False)
     image_topic: str | None = None
     pose_topic: str | None = None
     world_frame: str | None = None
-    camera_height_m: float | None = Field(default=None, gt=0)
+    camera_height_m: float | None = Field(default=None, gt=0, le=1e6)
     board: str | None = None
     distance: Path | None = None
     shot: int | None = Field(default=None, ge=1)

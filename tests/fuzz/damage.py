@@ -153,5 +153,5 @@ def _cast(array: np.ndarray, target: np.dtype) -> np.ndarray:
     try:
         with np.errstate(all="ignore"):
             return array.astype(target)
-    except (TypeError, ValueError):
+    except (RuntimeError, TypeError, ValueError):
         return np.zeros(array.shape, target)

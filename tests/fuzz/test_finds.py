@@ -15,6 +15,7 @@ import numpy as np
 import pycolmap
 import pytest
 import yaml
+from pydantic import ValidationError
 
 from detect.detection import Detection
 from geometry.errors import BadInputError
@@ -26,6 +27,7 @@ from geometry.printable import printable, printable_lines
 from geometry.removal import is_plain_name
 from locate.commands.console import PlainConsole
 from locate.export.kml import write_kml
+from locate.pipeline.config import RunConfig
 from locate.pipeline.detections import load_response
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points
@@ -281,6 +283,7 @@ def test_a_campaign_with_a_wind_that_is_none_is_refused(tmp_path: Path, wind: fl
         ("points of a reconstruction", {"visible": np.full(12, 5)}),
         ("points of a reconstruction", {"point_errors_px": np.array(["a"] * 5)}),
         ("shard", {"displacements": np.full((2, 8, 8, 2), "a")}),
+        ("shard", {"displacements": np.full((2, 8, 8, 2), 1e300)}),
         ("training clip", {"displacements": np.full((2, 8, 8, 2), "a")}),
     ],
 )
@@ -293,3 +296,20 @@ def test_arrays_of_another_kind_are_refused(
     save_arrays(tmp_path / reader.file, **read_npz(tmp_path / reader.file) | changed)
     with pytest.raises(BadInputError):
         reader.read(tmp_path / reader.file)
+
+
+def test_a_plume_axis_whose_square_overflows_is_refused(tmp_path: Path) -> None:
+    reader = READERS["truth"]
+    reader.write(tmp_path)
+    content = json.loads((tmp_path / reader.file).read_text())
+    content["plumes"][0]["axis"][0] = 1e300
+    (tmp_path / reader.file).write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match="axis"):
+        reader.read(tmp_path / reader.file)
+
+
+@pytest.mark.parametrize("number", [1e308, float("inf"), float("nan"), 0])
+def test_settings_that_no_camera_has_are_refused(number: float) -> None:
+    for name in ("focal_px", "camera_height_m"):
+        with pytest.raises(ValidationError):
+            RunConfig.model_validate({"recording": "a.mp4", name: number})

@@ -108,7 +108,18 @@ def test_two_lengths_that_contradict_each_other_are_refused(photos, cameras, tmp
 
 
 @pytest.mark.parametrize(
-    "text", ["4X4_50", "4X4_50:0", "4X4_50:x", "nothing:0.1", "4X4_50:0.1:0x2", "4X4_50:1.2.3"]
+    "text",
+    [
+        "4X4_50",
+        "4X4_50:0",
+        "4X4_50:x",
+        "nothing:0.1",
+        "4X4_50:0.1:0x2",
+        "4X4_50:1.2.3",
+        "4X4_50:0.1:8x7",
+        "4X4_50:0.1:99999x99999",
+        "4X4_50:0.1:99999999999x2",
+    ],
 )
 def test_a_wrong_board_is_told_before_any_work(photos, tmp_path, text):
     command = ["run", str(photos), "-o", str(tmp_path / "out"), "--board", text]

@@ -88,6 +88,22 @@ def test_the_command_prints_a_table_and_draws_a_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--radius", "inf", "--focal", 1000),
+        ("--radius", "1e308", "--focal", 1000),
+        ("--radius", 1, "--focal", "inf"),
+        ("--radius", 1, "--focal", "1e308"),
+        ("--radius", 1, "--focal", 1000, "--to-background", "inf"),
+    ],
+)
+def test_what_is_too_large_is_refused(tmp_path: Path, arguments: tuple[object, ...]) -> None:
+    result = typed(tmp_path, "--gas", "methane", *arguments)
+    assert result.exit_code == 2
+    assert "Invalid value" in result.output
+
+
+@pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (("--gas", "methane", "--fov", 65), "either --leak"),
