@@ -60,7 +60,7 @@ def candidates(found: FoundPlumes, true: "TruePlume") -> Iterator[Candidate]:
         strength = strength_of_plume(turns.score, plume, rng)
         yield Candidate(**asdict(strength), off=true.off(axis_of(plume)))
     for turn in turns.find_turns(rng)[:MOST_TURNS]:
-        strength = strength_of_turn(turns.score, turn.column, rng)
+        strength = strength_of_turn(turns.score, turn, rng)
         yield Candidate(**asdict(strength), off=true.off(turn.column))
 
 

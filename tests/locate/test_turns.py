@@ -215,8 +215,8 @@ def test_evidence_of_pixels_is_counted_by_the_views_that_have_some(truth: Column
         llr = each.llr.copy()
         llr[len(each.by_pixels) :] = 0
         score = search_of(each.with_evidence(llr)).score
-        column = PlumeColumn(narrow_column(truth).array[0])
-        strengths.append(strength_of_turn(score, column, np.random.default_rng(1)))
+        turn = Turn(PlumeColumn(narrow_column(truth).array[0]), 1.0)
+        strengths.append(strength_of_turn(score, turn, np.random.default_rng(1)))
     assert strengths[1].nats_per_view == pytest.approx(strengths[0].nats_per_view, rel=0.2)
 
 

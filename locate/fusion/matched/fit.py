@@ -7,7 +7,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from locate.fusion.matched.score import TurnScore
 from locate.fusion.search.columns import HEIGHT, RADIUS, Columns, PlumeColumn, X, Y
-from locate.fusion.search.fit import FREE, SLOPES, SearchSpace, random_search
+from locate.fusion.search.fit import FREE, SLOPES, Objective, SearchSpace, random_search
 
 REFINED = 32
 """Columns that are refined, the best of the scan; chosen by hand."""
@@ -25,8 +25,11 @@ NEAR_STARTS, NEAR_UNITS, NEAR_SPREAD = 24, 0.15, 0.35
 fusion, and the logarithmic spread of their sizes; chosen by hand."""
 NEAR_GAP_UNITS = 0.4
 """How far such a turn may lie from that column, units of fusion; chosen by hand."""
-NEAR_ROUNDS = range(2, 9)
+NEAR_ROUNDS = range(4, 12)
 """Of that search: it begins with small steps; chosen by hand."""
+TRIES = 4
+"""How often the views' agreement on one turn is sought, as one search may end early; chosen by
+hand."""
 APART_UNITS = 0.3
 """Axes nearer than this are one plume's, units of fusion; chosen by hand."""
 
@@ -56,7 +59,7 @@ def find_turns(score: TurnScore, proposals: Columns, rng: np.random.Generator) -
     first = score(proposals)
     best = np.argsort(-np.abs(first), kind="stable")[:REFINED]
     sign = np.where(first[best] < 0, -1.0, 1.0)
-    columns, sigmas = _climb(score, proposals.take(best), sign, rng)
+    columns, sigmas = _climb(score, unit, proposals.take(best), sign, rng)
     found: list[Turn] = []
     for k in np.argsort(-np.abs(sigmas), kind="stable"):
         column = columns[k]
@@ -69,7 +72,7 @@ def strongest_turn_near(score: TurnScore, column: PlumeColumn, rng: np.random.Ge
     """Sigmas on which the views agree, of the turn near a column on which they agree most.
 
     Args:
-        score: What is made as large as possible.
+        score: Of columns.
         column: Its radius is the distance from the axis to the largest displacement.
         rng: Of the search.
     """
@@ -78,18 +81,42 @@ def strongest_turn_near(score: TurnScore, column: PlumeColumn, rng: np.random.Ge
     starts[1:, [X, Y]] += rng.normal(0, NEAR_UNITS * unit, (NEAR_STARTS - 1, 2))
     starts[1:, [HEIGHT, RADIUS]] *= np.exp(rng.normal(0, NEAR_SPREAD, (NEAR_STARTS - 1, 2)))
     out = np.ones(NEAR_STARTS)
-    ends = [_climb(score, Columns(starts), sign, rng, NEAR_ROUNDS) for sign in (out, -out)]
-    near = [
-        agreed
-        for columns, _ in ends
-        for each, agreed in zip(columns, score.agreed(columns), strict=True)
-        if column.widest_gap_to(each) < NEAR_GAP_UNITS * unit
-    ]
-    return float(max(near, key=abs, default=0.0))
+    ways = [_most_agreed(score, column, Columns(starts), sign, rng) for sign in (out, -out)]
+    return max(ways, key=abs)
+
+
+def agreed_sigmas(score: TurnScore, turn: Turn, rng: np.random.Generator) -> float:
+    """Sigmas on which the views agree, of the column by a turn on which they agree most.
+
+    `find_turns` climbs by all views together; where it ends, the median view may show anything.
+
+    Args:
+        score: Of columns.
+        turn: That was found.
+        rng: Of the search.
+    """
+    starts = Columns(np.repeat(turn.column.array[None], TRIES, axis=0))
+    sign = np.full(TRIES, np.sign(turn.sigmas))
+    return _most_agreed(score, turn.column, starts, sign, rng)
+
+
+def _most_agreed(
+    score: TurnScore,
+    column: PlumeColumn,
+    starts: Columns,
+    sign: FloatArray,
+    rng: np.random.Generator,
+) -> float:
+    """The most sigmas on which the views agree where N starts end near a column, 0 without one."""
+    unit = score.filters.views.unit
+    ends, sigmas = _climb(score.agreed, unit, starts, sign, rng, NEAR_ROUNDS)
+    near = [column.widest_gap_to(end) < NEAR_GAP_UNITS * unit for end in ends]
+    return float(max(sigmas[near], key=abs, default=0.0))
 
 
 def _climb(
-    score: TurnScore,
+    objective: Objective,
+    unit: float,
     starts: Columns,
     sign: FloatArray,
     rng: np.random.Generator,
@@ -98,7 +125,8 @@ def _climb(
     """Where N starts end, each by itself, and their sigmas.
 
     Args:
-        score: What is made as large as possible.
+        objective: Sigmas, which are made as large as possible.
+        unit: Of fusion (`Views.unit`), world units.
         starts: N columns.
         sign: (N,) 1 where light is bent away from the axis, else -1.
         rng: Of the search.
@@ -106,8 +134,7 @@ def _climb(
     """
 
     def sigmas_alike(columns: Columns) -> FloatArray:
-        return score(columns) * sign.repeat(len(columns) // max(1, len(sign)))
+        return objective(columns) * sign.repeat(len(columns) // max(1, len(sign)))
 
-    unit = score.filters.views.unit
     columns, best = random_search(sigmas_alike, starts, unit, rng, rounds=rounds, space=TURNS)
     return columns, sign * best

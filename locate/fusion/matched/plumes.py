@@ -13,7 +13,12 @@ from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
-from locate.fusion.matched.fit import Turn, find_turns, strongest_turn_near
+from locate.fusion.matched.fit import (
+    Turn,
+    agreed_sigmas,
+    find_turns,
+    strongest_turn_near,
+)
 from locate.fusion.matched.probability import LEAST_PROBABILITY, ColumnStrength
 from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
 from locate.fusion.matched.score import TurnScore
@@ -111,7 +116,7 @@ class TurnSearch:
         for turn in self.find_turns(rng):
             if abs(turn.sigmas) < LEAST_SIGMAS:
                 break
-            strength = strength_of_turn(score, turn.column, rng)
+            strength = strength_of_turn(score, turn, rng)
             if strength.probability < LEAST_PROBABILITY:
                 rejected = max(rejected, strength.probability)
                 continue
@@ -144,14 +149,12 @@ def strength_of_plume(score: TurnScore, plume: Plume, rng: np.random.Generator) 
     )
 
 
-def strength_of_turn(
-    score: TurnScore, column: PlumeColumn, rng: np.random.Generator
-) -> ColumnStrength:
+def strength_of_turn(score: TurnScore, turn: Turn, rng: np.random.Generator) -> ColumnStrength:
     """What a column shows about which the displacement turns."""
     pixels = score.filters.views.by_pixels
-    pixel_nats = _most_evidence(pixels, column.widened(RADIUS_WIDTHS), rng)
+    pixel_nats = _most_evidence(pixels, turn.column.widened(RADIUS_WIDTHS), rng)
     return ColumnStrength(
-        sigmas=float(score.agreed(column.as_columns)[0]), nats_per_view=pixel_nats / len(pixels)
+        sigmas=agreed_sigmas(score, turn, rng), nats_per_view=pixel_nats / len(pixels)
     )
 
 
