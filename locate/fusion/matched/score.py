@@ -41,6 +41,10 @@ FEWEST_VIEWS = 4.0
 """Views that must show a column."""
 SEEN = 0.1
 """Weight from which on a view shows a column."""
+SHARED = 0.02
+"""Share of the variance of a view that all views have in common where a search finds them to agree:
+more than at random columns. Set on recordings without a plume and with weak ones
+(docs/weak_plumes.md)."""
 Sigmas = TypeVar("Sigmas", FloatArray, FloatMap)
 
 
@@ -167,14 +171,13 @@ class TurnScore:
     def _limit(self, turns: ViewTurns, columns: Columns) -> FloatArray:
         """(N,) sigmas of all views together, no more than were each like the median one.
 
-        Views that lie close together err alike, the more the more of them there are: both are in
-        units of the scatter of all views together.
+        Views err alike, the more the more of them there are: both are in units of the scatter of
+        all views together, and less by what views share at the columns that a search finds.
         """
         sigmas = self._join(turns, columns)
         scatter = self.scatter[self._classes(columns)].mean(axis=-1)
-        return np.asarray(
-            np.sign(sigmas) * np.minimum(np.abs(sigmas), np.abs(turns.median) / scatter)
-        )
+        least = np.minimum(np.abs(sigmas), np.abs(turns.median) / scatter)
+        return np.asarray(np.sign(sigmas) * least / np.sqrt(1 + SHARED * turns.views))
 
     def _join(self, turns: ViewTurns, columns: Columns) -> FloatArray:
         return join_sides(*turns.sides / self.scatter[self._classes(columns)].T)
