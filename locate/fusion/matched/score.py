@@ -41,7 +41,7 @@ FEWEST_VIEWS = 4.0
 """Views that must show a column."""
 SEEN = 0.1
 """Weight from which on a view shows a column."""
-SHARED = 0.02
+SHARED = 0.01
 """Share of the variance of a view that all views have in common where a search finds them to agree:
 more than at random columns. Set on recordings without a plume and with weak ones
 (docs/weak_plumes.md)."""
