@@ -42,6 +42,9 @@ SAME_AXIS_UNITS, SAME_STRONG_AXIS_UNITS = 0.3, 0.8
 """Within how many units of fusion of a turn the axis by pixels is that of the same plume: where
 these have less evidence than clutter may, and where they have more. The first was set on two plumes
 of weak pixels, the second on seven of strong ones (docs/weak_plumes.md)."""
+AXIS_TRIES = 4
+"""How often an axis is searched for: the columns that weak evidence fits best are far too wide at
+times; chosen by hand."""
 MOSTLY_SILENT = 0.5
 """Share of the views without evidence of pixels above which the axis is the turn's own: sections of
 single views place it worse then. Set on six places of one recording (docs/weak_plumes.md)."""
@@ -165,15 +168,17 @@ def _measure_turn(
     views, column = score.filters.views, narrow.widened(RADIUS_WIDTHS)
     turn = Turn(narrow, float(score(narrow.as_columns)[0]))
     filled = with_turn_evidence(views, turn)
-    measured = find_axis(filled, column, rng)
-    if measured is None:
-        return None
+    measured = _try_axis(filled, column, rng)
     weak = strength.nats_per_view < CLUTTER_NATS
     near = SAME_AXIS_UNITS if weak else SAME_STRONG_AXIS_UNITS
-    if turn.column.widest_gap_to(measured[0]) > near * views.unit:
-        # The evidence of pixels lies elsewhere: what they say for the turn counts alone.
+    if measured is None or turn.column.widest_gap_to(measured[0]) > near * views.unit:
+        # The evidence of pixels shows no axis, or lies elsewhere: what they say for the turn counts
+        # alone.
         filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
-        measured = _on_turn(*(find_axis(filled, column, rng) or measured), turn)
+        measured = _try_axis(filled, column, rng) or measured
+        if measured is None:
+            return None
+        measured = _on_turn(*measured, turn)
     elif np.mean(~views.by_pixels.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
         measured = _on_turn(*measured, turn)
     plume = measure_plume(filled, *measured, 1 - strength.probability)
@@ -182,6 +187,14 @@ def _measure_turn(
         evidence_nats=strength.nats_per_view * len(views.by_pixels) + turn.sigmas**2 / 2,
         refractive_index=REFRACTIVE_INDEX[1 if turn.sigmas > 0 else -1],
     )
+
+
+def _try_axis(
+    views: Views, column: PlumeColumn, rng: np.random.Generator
+) -> tuple[PlumeColumn, AxisEstimate] | None:
+    """As `find_axis`, again where it ends in columns whose axis no view shows."""
+    tries = (find_axis(views, column, rng) for _ in range(AXIS_TRIES))
+    return next((measured for measured in tries if measured is not None), None)
 
 
 def _on_turn(
