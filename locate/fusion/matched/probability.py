@@ -8,7 +8,7 @@ from scipy.special import expit
 
 from geometry.arrays import BoolArray, FloatArray
 
-OFFSET, PER_SIGMA, PER_LOG_NAT, INWARD = -8.0, 1.1, 0.5, -1.4
+OFFSET, PER_SIGMA, PER_LOG_NAT, INWARD = -9.0, 1.2, 0.55, -1.4
 """Of the logistic curve (docs/weak_plumes.md): by the sigmas of the turn, by the logarithm of 1 and
 the nats of the pixels a view, and for gases that bend light towards the axis. The last is chosen by
 hand: they are taken to be a quarter as frequent."""
