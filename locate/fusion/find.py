@@ -16,7 +16,7 @@ from locate.map.plume import Plume
 
 UNSURE = (0.2, 0.999)
 """Probability of a column between which more frames may change whether it is a plume, or where.
-Of 70 recordings without a plume 18 leave doubt, of 140 with one 108 (docs/weak_plumes.md)."""
+Of 70 recordings without a plume 23 leave doubt, of 140 with one 118 (docs/weak_plumes.md)."""
 FUSION_SHARE = 0.6
 """Share of the time that fusing the evidence of pixels takes, for the progress."""
 
