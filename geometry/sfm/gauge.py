@@ -10,6 +10,12 @@ VIEW_DISTANCE = 10.0
 """Median distance from cameras to points in the scene frame, scene units."""
 MAX_TILT_DEG = 35.0
 """Largest angle between the ground's normal and the cameras' up axis; no wall is within it."""
+MAX_SLOPE_DEG = 10.0
+"""Largest angle between the ground's normal and up, where the cameras show that by themselves;
+chosen by hand."""
+MAX_ROLL = 0.25
+"""Of cameras that show up: rms of how far their x axes leave one plane, over their spread in it;
+chosen by hand."""
 PLANE_TRIALS = 400
 """Random triples of RANSAC."""
 PLANE_TOLERANCE = 0.02
@@ -32,7 +38,9 @@ def normalising_transform(
 
     Up is the normal of the plane that most points lie on among those within `MAX_TILT_DEG` of the
     cameras' mean up axis (so no wall), that axis itself where such a plane holds too few points,
-    or the normal of the plane straight below the cameras.
+    or the normal of the plane straight below the cameras. Cameras that turn without rolling show
+    up better than their mean axis, which leans as they look down: no plane further than
+    `MAX_SLOPE_DEG` from it counts then.
 
     Args:
         trajectory: In the world frame of the reconstruction.
@@ -45,9 +53,11 @@ def normalising_transform(
     camera_up = -trajectory.rotations[:, 1, :].mean(axis=0)
     camera_up /= max(float(np.linalg.norm(camera_up)), 1e-9)
     forward = trajectory.rotations[:, 2, :].mean(axis=0)
-    up, source = camera_up, "camera"
+    level = _level_up(trajectory, camera_up)
+    up, source = camera_up if level is None else level, "camera"
     tolerance = PLANE_TOLERANCE * view_distance
-    ground, ground_share = dominant_plane(points_in_world, tolerance, near=camera_up)
+    tilt_deg = MAX_TILT_DEG if level is None else MAX_SLOPE_DEG
+    ground, ground_share = dominant_plane(points_in_world, tolerance, near=up, tilt_deg=tilt_deg)
     below, below_share = dominant_plane(points_in_world, tolerance, near=-forward)
     if below_share >= MIN_SURVEY_SHARE and _looks_down(below, trajectory):
         up, source = below, "plane"
@@ -60,9 +70,9 @@ def normalising_transform(
 
 
 def dominant_plane(
-    points: FloatArray, tolerance: float, near: FloatArray
+    points: FloatArray, tolerance: float, near: FloatArray, *, tilt_deg: float = MAX_TILT_DEG
 ) -> tuple[FloatArray, float]:
-    """The plane with most points within `tolerance`, its normal within `MAX_TILT_DEG` of `near`.
+    """The plane with most points within `tolerance`, its normal within `tilt_deg` of `near`.
 
     RANSAC, then two fits to ever closer points.
 
@@ -75,7 +85,7 @@ def dominant_plane(
     triples = points[random.integers(len(points), size=(PLANE_TRIALS, 3))]
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    usable = np.abs(normals @ near) > np.cos(np.radians(MAX_TILT_DEG)) * np.linalg.norm(near)
+    usable = np.abs(normals @ near) > np.cos(np.radians(tilt_deg)) * np.linalg.norm(near)
     if not usable.any():
         return near, 0.0
     normals, offsets = normals[usable], np.einsum("ij,ij->i", normals, triples[:, 0])[usable]
@@ -88,6 +98,20 @@ def dominant_plane(
             normal = np.linalg.svd(inside - inside.mean(axis=0), full_matrices=False)[2][2]
             offset = float(np.median(inside @ normal))
     return np.asarray(normal if normal @ near >= 0 else -normal), float(counts[best] / len(points))
+
+
+def _level_up(trajectory: Trajectory, camera_up: FloatArray) -> FloatArray | None:
+    """Up as the normal of the cameras' x axes, which people hold level (Brown and Lowe, IJCV 2007).
+
+    None where the cameras roll, turn too little to tell, or stand on their side.
+    """
+    x_axes = trajectory.rotations[:, 0, :]
+    spread, axes = np.linalg.eigh(x_axes.T @ x_axes / len(x_axes))
+    up = axes[:, 0] * (1.0 if axes[:, 0] @ camera_up >= 0 else -1.0)
+    rolling = np.sqrt(max(float(spread[0]), 0.0)) > MAX_ROLL * np.sqrt(max(float(spread[1]), 0.0))
+    if rolling or up @ camera_up < np.cos(np.radians(MAX_TILT_DEG)):
+        return None
+    return np.asarray(up)
 
 
 def _looks_down(normal: FloatArray, trajectory: Trajectory) -> bool:
