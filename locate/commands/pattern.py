@@ -14,6 +14,8 @@ Kind = Literal["checkerboard", "sinusoid", "perlin", "squares"]
 MM_PER_INCH = 25.4
 LEAST_DOTS = 4.0
 """Of one period, so that the printer resolves it; chosen."""
+LEAST_PERIODS = 2.0
+"""Across the shorter side of a page, without which it shows no pattern; chosen."""
 MOST_DOTS = 4e8
 """Of a page; bounds memory."""
 LEAST_PERIOD_PX = 3.0
@@ -75,6 +77,11 @@ def _check_dots(page: tuple[float, float], period: float, dpi: float, margin: fl
     dots = period / MM_PER_INCH * dpi
     if dots < LEAST_DOTS:
         raise BadInputError(f"a period of {period:.3g} mm is {dots:.1f} dots; raise --dpi")
+    if not period * LEAST_PERIODS <= min(page):
+        raise BadInputError(
+            f"a period of {period:.3g} mm is too large for a page of {page[0]:g} x {page[1]:g} mm: "
+            "choose a larger --paper or a shorter period"
+        )
     if width * height > MOST_DOTS:
         raise BadInputError(f"{width:.0f} x {height:.0f} dots are too many; lower --dpi")
     if 2 * margin >= min(page):

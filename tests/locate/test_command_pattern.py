@@ -168,6 +168,9 @@ def test_paper_sizes() -> None:
         (("--dpi", 36, "--period-mm", 1), "raise --dpi"),
         (("--dpi", 2400, "--period-mm", 1, "--paper", "A0"), "lower --dpi"),
         (("--period-mm", 9, "--margin-mm", 200), "leaves nothing"),
+        (("--period-mm", 120), "too large for a page of"),
+        (("--period-mm", "inf"), "too large for a page of"),
+        (("--period-px", 8, "--range-m", "1e308", "--focal", 2000), "too large for a page of"),
         (("--period-mm", 9, "--paper", "letter"), "'letter' is unknown"),
     ],
 )
