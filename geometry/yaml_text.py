@@ -1,5 +1,6 @@
 """YAML that was read from a file that may be hostile."""
 
+from collections import Counter
 from typing import Any
 
 import yaml
@@ -18,7 +19,8 @@ def parse_yaml(text: str | bytes) -> Any:
 
     Raises:
         yaml.YAMLError: It is not YAML or very long, its nesting or aliases unfold without end, it
-            merges mappings (`<<`), or holds a number in base 60 or one that no array holds.
+            merges mappings (`<<`), gives a key twice, or holds a number in base 60 or one that no
+            array holds.
     """
     if len(text) > LONGEST:
         raise yaml.YAMLError(f"{len(text)} characters, at most {LONGEST} are read")
@@ -34,12 +36,16 @@ def parse_yaml(text: str | bytes) -> Any:
 
 
 class PlainLoader(yaml.SafeLoader):
-    """A SafeLoader without what takes a time that grows faster than the text."""
+    """A SafeLoader without what is ambiguous, or takes a time that grows faster than the text."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Merges of merges double the mapping with every line."""
+        """Merges of merges double the mapping with every line; a key is given once."""
         if any(key.tag == MERGE for key, _ in node.value):
             raise yaml.YAMLError("merges of mappings (<<) are not read; write the values out")
+        names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        twice = next((name for name, count in Counter(names).items() if count > 1), None)
+        if twice is not None:
+            raise yaml.YAMLError(f"{str(twice)[:40]!r} is given twice")
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number; in base 60 its digits take the square of their number in time."""

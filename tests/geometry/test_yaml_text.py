@@ -20,6 +20,7 @@ HOSTILE = {
     "unfolding": UNFOLDING.encode(),
     "in itself": b"&a [*a]",
     "date": b"a: 2020-99-99",
+    "a key twice": b"seed: 1\nseed: 2",
     "merges": b"a0: &a0 {x: 1}\n"
     + b"".join(b"a%d: &a%d {<<: [*a%d, *a%d]}\n" % (i, i, i - 1, i - 1) for i in range(1, 40)),
     "base 60": b"a: " + b":".join([b"59"] * 80_000),
@@ -46,6 +47,11 @@ def test_hostile_yaml_is_refused_in_one_short_line(
 def test_a_value_in_itself_is_refused() -> None:
     with pytest.raises(yaml.YAMLError, match="nested"):
         parse_yaml("&a [*a]")
+
+
+def test_a_key_that_is_given_twice_is_named() -> None:
+    with pytest.raises(yaml.YAMLError, match="'effort' is given twice"):
+        parse_yaml("a: {effort: quick, seed: 1, effort: usual}")
 
 
 def test_usual_aliases_are_read() -> None:
