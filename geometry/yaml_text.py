@@ -42,10 +42,10 @@ class PlainLoader(yaml.SafeLoader):
         """Merges of merges double the mapping with every line; a key is given once."""
         if any(key.tag == MERGE for key, _ in node.value):
             raise yaml.YAMLError("merges of mappings (<<) are not read; write the values out")
-        names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        twice = next((name for name, count in Counter(names).items() if count > 1), None)
-        if twice is not None:
-            raise yaml.YAMLError(f"{str(twice)[:40]!r} is given twice")
+        keys = (key for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        for (_, name), count in Counter((key.tag, key.value) for key in keys).items():
+            if count > 1:
+                raise yaml.YAMLError(f"{name[:40]!r} is given twice")
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number; in base 60 its digits take the square of their number in time."""

@@ -116,8 +116,7 @@ def test_without_a_plume_nothing_is_true(outcome: RecordingOutcome) -> None:
 
 def test_the_surest_column_counts(outcome: RecordingOutcome) -> None:
     assert outcome.surest == candidate(NEAR)
-    stated = candidate(NEAR).probability
-    assert f"| 0.95 to 1 | {stated:.3f} | 1 of 1" in report([outcome])
+    assert "| 0.95 to 1 | 0.995 | 1 of 1" in report([outcome])
     assert replace(outcome, candidates=()).surest is None
 
 

@@ -52,6 +52,7 @@ def test_a_value_in_itself_is_refused() -> None:
 def test_a_key_that_is_given_twice_is_named() -> None:
     with pytest.raises(yaml.YAMLError, match="'effort' is given twice"):
         parse_yaml("a: {effort: quick, seed: 1, effort: usual}")
+    assert parse_yaml('{1: a, "1": b}') == {1: "a", "1": "b"}
 
 
 def test_usual_aliases_are_read() -> None:

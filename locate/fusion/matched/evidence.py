@@ -16,7 +16,7 @@ AXIS_POINTS = 60
 """Points of an axis to which pixels are assigned; chosen by hand."""
 CORRELATION_PX2 = 150.0
 """Area over which evidence counts as correlated where no view has any: with 60 the sections of weak
-turns showed no axis. Set on leaks of real strength 13000 to 13006 (docs/weak_plumes.md)."""
+turns showed no axis. Set on leaks of real strength 13000 to 13006 (docs/accuracy.md)."""
 BELOW_UNITS = 1.0
 """How far below its lowest point the axis is continued, units of fusion; chosen by hand."""
 

@@ -13,12 +13,7 @@ from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
-from locate.fusion.matched.fit import (
-    Turn,
-    agreed_sigmas,
-    find_turns,
-    strongest_turn_near,
-)
+from locate.fusion.matched.fit import Turn, agreed_sigmas, find_turns, strongest_turn_near
 from locate.fusion.matched.probability import LEAST_PROBABILITY, ColumnStrength
 from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
 from locate.fusion.matched.score import TurnScore
