@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import detect
-from detect.synthesis.raster import find_photos
-from detect.synthesis.split import Split
 from geometry.errors import BadInputError
 from geometry.lock import hold_output
 from locate.commands.console import Output, err, out
@@ -19,6 +17,7 @@ from locate.journal.progress import progress_bars
 
 if TYPE_CHECKING:
     from detect.learning.config import PoolConfig, TrainConfig
+    from detect.synthesis.split import Split
 
 Report = Callable[[str, float], None]
 
@@ -89,6 +88,7 @@ def render_missing_clips(config: "TrainConfig", *, report: Report, processes: in
         BadInputError: There are no photos of the split where clips are made of photos.
     """
     from detect.learning.clips import clip_path
+    from detect.synthesis.raster import find_photos
 
     for name, pool in config.pools.items():
         seeds = [seed for seed in pool.all_seeds() if not clip_path(pool.folder, seed).exists()]

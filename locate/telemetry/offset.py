@@ -10,7 +10,6 @@ from math import atanh, isfinite, log, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import correlate
 from scipy.special import ndtr
 
 from geometry.arrays import BoolArray, FloatArray
@@ -158,18 +157,21 @@ def _sliding_correlation(x: FloatArray, y: FloatArray) -> tuple[FloatArray, Floa
     known = np.isfinite(y).astype(float)
     y = np.where(known > 0, y - np.nanmean(y), 0.0)
     x, ones = x - x.mean(), np.ones(len(x))
-
-    def cross_correlate(a: FloatArray, b: FloatArray) -> FloatArray:
-        return np.asarray(correlate(a, b, mode="full", method="fft"))
-
-    n = np.maximum(cross_correlate(known, ones).round(), 1.0)
-    sum_x, sum_y = cross_correlate(known, x), cross_correlate(y, ones)
-    variance_x = np.maximum(n * cross_correlate(known, x * x) - sum_x**2, 0.0)
-    variance_y = np.maximum(n * cross_correlate(y * y, ones) - sum_y**2, 0.0)
+    n = np.maximum(_cross_correlate(known, ones).round(), 1.0)
+    sum_x, sum_y = _cross_correlate(known, x), _cross_correlate(y, ones)
+    variance_x = np.maximum(n * _cross_correlate(known, x * x) - sum_x**2, 0.0)
+    variance_y = np.maximum(n * _cross_correlate(y * y, ones) - sum_y**2, 0.0)
     size = np.sqrt(variance_x * variance_y)
     floor = 1e-9 * max(float(size.max()), 1e-30)
-    product = n * cross_correlate(y, x) - sum_x * sum_y
+    product = n * _cross_correlate(y, x) - sum_x * sum_y
     return np.where(size > floor, product / np.maximum(size, floor), 0.0).clip(-1, 1), n
+
+
+def _cross_correlate(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(M + N - 1,) of (M,) a and (N,) b, at all shifts."""
+    from scipy.signal import correlate  # a second to import, which few runs need
+
+    return np.asarray(correlate(a, b, mode="full", method="fft"))
 
 
 def _peak_region(correlation: FloatArray, best: int) -> BoolArray:
@@ -253,5 +255,5 @@ def _joint_correlation_length(x: FloatArray, y: FloatArray) -> float:
 
 def _autocorrelation(values: FloatArray) -> FloatArray:
     centred = values - values.mean()
-    lags = correlate(centred, centred, mode="full", method="fft")[len(values) - 1 :]
+    lags = _cross_correlate(centred, centred)[len(values) - 1 :]
     return np.asarray(lags / max(lags[0], 1e-30))

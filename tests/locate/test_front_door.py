@@ -52,6 +52,13 @@ def test_import_brings_no_library() -> None:
     assert not HEAVY & set(json.loads(shown))
 
 
+def test_a_run_starts_without_what_few_runs_need() -> None:
+    code = "import json, sys, locate.commands.app, locate.pipeline.run as _; "
+    code += "print(json.dumps(list(sys.modules)))"
+    started = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert not {"scipy.stats", "scipy.signal", "detect.synthesis"} & set(json.loads(started.stdout))
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the examples speak of: a recording, its scene and a finished run."""

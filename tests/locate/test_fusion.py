@@ -3,6 +3,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.stats import gumbel_r
 
 from detect.detection import Detection
 from detect.registry import DetectorChoice
@@ -82,6 +83,15 @@ def test_a_floor_far_above_chance_ends_the_draws(monkeypatch: pytest.MonkeyPatch
     assert len(draw(0.0, quiet).strongest) == 12
     assert len(draw(30.0, quiet).strongest) == 12
     assert len(draw(80.0, loud).strongest) == 12
+
+
+def test_chance_is_a_gumbel_distribution() -> None:
+    null = NullLevel.from_draws([8.0, 9.0, 10.0, 25.0])
+    peer = gumbel_r(null.location, null.scale)
+    for strength in (-20.0, 5.0, 60.0, 300.0):
+        assert null.false_alarm(strength) == pytest.approx(peer.sf(strength), rel=1e-12)
+    for share in (0.5, 0.01, 1e-6):
+        assert null.threshold(share) == pytest.approx(peer.isf(share), rel=1e-12)
 
 
 def test_same_seed_same_answer(truth: ColumnTruth) -> None:

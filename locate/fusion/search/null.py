@@ -12,7 +12,6 @@ from functools import partial
 from typing import Self
 
 import numpy as np
-from scipy.stats import gumbel_r
 
 from geometry.arrays import FloatArray
 from geometry.grid import VoxelBox
@@ -92,11 +91,11 @@ class NullLevel:
 
     def false_alarm(self, strength: float) -> float:
         """Probability that a volume without plumes holds a column at least this strong."""
-        return float(gumbel_r.sf(strength, self.location, self.scale))
+        return float(-np.expm1(-np.exp((self.location - strength) / self.scale)))
 
     def threshold(self, false_alarm: float) -> float:
         """The strength that only the share `false_alarm` of such volumes reaches, nats."""
-        return float(gumbel_r.isf(false_alarm, self.location, self.scale))
+        return float(self.location - self.scale * np.log(-np.log1p(-false_alarm)))
 
 
 def draw_strongest(views: Views, box: VoxelBox, rng: np.random.Generator) -> float:
