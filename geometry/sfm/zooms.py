@@ -4,6 +4,7 @@ With one camera for two zooms, nearer cameras explain the longer one: the residu
 everything that is located is off. A camera for each image takes the zooms apart.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,6 +21,9 @@ TIGHT = 6.0
 """How many times narrower, as standard deviation, a zoom is than the gap to the next."""
 TOLERANCE = 1e-4
 """Of the adjustment: the focal lengths are wanted to a per cent."""
+ENOUGH_POINTS = 80
+"""Points of each image that are adjusted, about. Focal lengths then scatter by 0.05 and 0.26 % (the
+sample, a plant in H.264), by 0.03 and 0.06 % with all 700."""
 
 
 def focal_lengths_by_image(model: pycolmap.Reconstruction) -> dict[str, float]:
@@ -42,10 +46,22 @@ def focal_lengths_by_image(model: pycolmap.Reconstruction) -> dict[str, float]:
             name=image.name, camera_id=image_id, image_id=image_id, keypoints=pixels
         )
         apart.add_image_with_trivial_frame(copy, image.cam_from_world())
-    for point in model.points3D.values():
+    for point in _enough_points(model):
         apart.add_point3D(point.xyz, point.track)
     adjust_once(apart, refine_focal=True, refine_lens=False, tolerance=TOLERANCE)
     return {apart.image(i).name: float(apart.cameras[i].mean_focal_length()) for i in ids}
+
+
+def _enough_points(model: pycolmap.Reconstruction) -> list[pycolmap.Point3D]:
+    """Points that give every image `ENOUGH_POINTS`, or all it has: those seen by most first."""
+    seen: Counter[int] = Counter()
+    chosen = []
+    for point in sorted(model.points3D.values(), key=lambda each: -each.track.length()):
+        images = [element.image_id for element in point.track.elements]
+        if any(seen[image_id] < ENOUGH_POINTS for image_id in images):
+            seen.update(images)
+            chosen.append(point)
+    return chosen
 
 
 def group_zooms(focal_px: FloatArray) -> list[IntArray]:
