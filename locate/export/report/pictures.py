@@ -15,11 +15,11 @@ FRAME_QUALITY, LAYER_QUALITY = 72, 70
 
 
 def frame_uri(picture: Picture) -> str:
-    """A WebP of a frame."""
+    """A JPEG of a frame."""
     height, width = picture.shape[:2]
     size = _fitted_size(width, height, MAX_WIDTH)
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    return _webp_uri(np.asarray(small, dtype=np.uint8), FRAME_QUALITY)
+    return _jpeg_uri(np.asarray(small, dtype=np.uint8), FRAME_QUALITY)
 
 
 def evidence_uri(llr: FloatMap, full_scale_nats: float) -> str:
@@ -31,11 +31,11 @@ def evidence_uri(llr: FloatMap, full_scale_nats: float) -> str:
 
 
 def displacement_uri(displacement: FloatMap, full_scale_px: float) -> str:
-    """A WebP of a displacement: hue for the direction, full colour at `full_scale_px`."""
+    """A JPEG of a displacement: hue for the direction, full colour at `full_scale_px`."""
     height, width = displacement.shape[:2]
     size = _fitted_size(width, height, MAX_LAYER_WIDTH)
     resized = cv2.resize(displacement, size, interpolation=cv2.INTER_AREA)
-    return _webp_uri(displacement_colours(np.asarray(resized), full_scale_px), LAYER_QUALITY)
+    return _jpeg_uri(displacement_colours(np.asarray(resized), full_scale_px), LAYER_QUALITY)
 
 
 def _fitted_size(width: int, height: int, most: int) -> tuple[int, int]:
@@ -66,7 +66,16 @@ def full_scale_px(maps: Sequence[FloatMap]) -> float:
 
 
 def _webp_uri(picture: Picture, quality: int) -> str:
-    done, encoded = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    """Small, and may be transparent; it takes twenty times as long as a JPEG."""
+    return _uri("webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])
+
+
+def _jpeg_uri(picture: Picture, quality: int) -> str:
+    return _uri("jpeg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+
+
+def _uri(kind: str, picture: Picture, options: Sequence[int]) -> str:
+    done, encoded = cv2.imencode(f".{kind}", picture, options)
     if not done:
-        raise RuntimeError("OpenCV could not encode a WebP picture")
-    return f"data:image/webp;base64,{b64encode(encoded.tobytes()).decode()}"
+        raise RuntimeError(f"OpenCV could not encode a {kind} picture")
+    return f"data:image/{kind};base64,{b64encode(encoded.tobytes()).decode()}"
