@@ -6,10 +6,12 @@ from functools import partial, reduce
 
 import numpy as np
 
+from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid
 from locate.fusion.extract import drop_known, extract_plumes, find_far_columns
+from locate.fusion.search.columns import Columns
 from locate.fusion.search.fit import fit_columns
-from locate.fusion.search.null import FALSE_ALARM, NullLevel
+from locate.fusion.search.null import CLEAR_FACTOR, FALSE_ALARM, NullLevel
 from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
 from locate.fusion.search.score import column_contrast, column_evidence, mask_out
 from locate.fusion.views import Views
@@ -72,15 +74,28 @@ def fuse(
         least_nats=least_nats,
     )
     drawn = null is None
+    proposals, grid = propose_columns(views, views.volume(), most=MOST_PROPOSALS)
+
+    def fit_proposals(rng: np.random.Generator) -> Columns:
+        contrast = partial(column_contrast, views)
+        return fit_columns(contrast, proposals.columns, views.unit, rng)
+
+    def weakest_nats() -> float:
+        # A search of its own: without it the random numbers that follow are the same.
+        columns = fit_proposals(np.random.default_rng(seed))
+        return weakest_candidate(column_evidence(views, columns), least_nats)
 
     # 1. What chance makes of these views: the level that a plume must pass.
     if null is None:
-        null = draw_null(views, progress=lambda share: progress(NULL_SHARE * share))
+        null = draw_null(
+            views,
+            progress=lambda share: progress(NULL_SHARE * share),
+            weakest_nats=weakest_nats,
+        )
     level = max(null.threshold(most_false_alarm), least_nats)
 
     # 2. Columns: proposed by the summed grid, then fitted until they stand out most.
-    proposals, grid = propose_columns(views, views.volume(), most=MOST_PROPOSALS)
-    columns = fit_columns(partial(column_contrast, views), proposals.columns, views.unit, rng)
+    columns = fit_proposals(rng)
 
     # 3. Plumes: the columns above the level, measured with the others masked out.
     plumes, masked = extract_plumes(views, columns, null, level, rng)
@@ -102,6 +117,20 @@ def fuse(
     # 6. The answer, strongest first.
     progress(1.0)
     return FusionResult(plumes=number_plumes(plumes), grid=grid, threshold_nats=level)
+
+
+def weakest_candidate(strengths: FloatArray, least_nats: float) -> float:
+    """Evidence of the weakest column that may be a plume, at least the floor, nats.
+
+    A search may still find more in a column than it has, so those nearly as strong as the floor
+    count.
+
+    Args:
+        strengths: (N,) evidence of the columns, nats.
+        least_nats: The floor; with none, any column may be a plume.
+    """
+    candidates = strengths[CLEAR_FACTOR * strengths >= least_nats]
+    return max(least_nats, float(candidates.min())) if len(candidates) else least_nats
 
 
 def number_plumes(plumes: Sequence[Plume]) -> tuple[Plume, ...]:

@@ -13,7 +13,7 @@ from locate.fusion.axis.pairs import split_column
 from locate.fusion.axis.sightings import AxisSightings, sight_axis
 from locate.fusion.axis.sway import Sway, estimate_sway
 from locate.fusion.find import cap_probability
-from locate.fusion.fuse import fuse
+from locate.fusion.fuse import fuse, weakest_candidate
 from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import best_interval
@@ -83,6 +83,39 @@ def test_a_floor_far_above_chance_ends_the_draws(monkeypatch: pytest.MonkeyPatch
     assert len(draw(0.0, quiet).strongest) == 12
     assert len(draw(30.0, quiet).strongest) == 12
     assert len(draw(80.0, loud).strongest) == 12
+
+
+@pytest.mark.parametrize(
+    ("strengths", "floor_nats", "weakest_nats"),
+    [
+        ([250.0, 300.0, 3.0, -1.0], 80.0, 250.0),  # far above the floor: only that is held
+        ([250.0, 50.0], 80.0, 80.0),  # the second may turn out to be above the floor
+        ([250.0, 90.0], 80.0, 90.0),
+        ([3.0, -1.0], 80.0, 80.0),  # no plume in sight: the floor decides
+        ([], 80.0, 80.0),
+        ([250.0, 3.0], 0.0, 3.0),  # no floor: every column may be one
+    ],
+)
+def test_the_level_is_held_against_the_weakest_column_that_may_be_a_plume(
+    strengths: list[float], floor_nats: float, weakest_nats: float
+) -> None:
+    assert weakest_candidate(np.array(strengths), floor_nats) == weakest_nats
+
+
+def test_a_plume_far_above_chance_takes_few_draws(
+    truth: ColumnTruth, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    views = make_faulty_views(truth, orbit_trajectory(10, 60), np.random.default_rng(5))
+    drawn: list[float] = []
+
+    def draw(*_: object) -> float:
+        drawn.append([10.0, 12.0, 14.0][len(drawn) % 3])
+        return drawn[-1]
+
+    monkeypatch.setattr("locate.fusion.search.null.draw_strongest", draw)
+    assert len(fuse(views, least_nats=15.0).plumes) == 1
+    with_the_plume, without = 4, 12  # what is left for chance is near the floor
+    assert len(drawn) == with_the_plume + without
 
 
 def test_chance_is_a_gumbel_distribution() -> None:

@@ -8,7 +8,7 @@ volume, not for a voxel.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Self
 
 import numpy as np
@@ -25,7 +25,7 @@ NULL_DRAWS = 12
 FEWEST_DRAWS = 4
 """Volumes after which the draws may end; chosen by hand."""
 CLEAR_FACTOR = 2.0
-"""They end where this many times the level is still below the floor; chosen by hand."""
+"""They end where this many times the level is below the floor or every column; chosen by hand."""
 FALSE_ALARM = 0.01
 """Probability that a volume without plumes yields one; the promise of the map, chosen by hand."""
 SMALLEST_SHIFT = 0.12
@@ -58,10 +58,12 @@ class NullLevel:
         progress: Callable[[float], None],
         most_false_alarm: float = FALSE_ALARM,
         least_nats: float = 0.0,
+        weakest_nats: Callable[[], float] = lambda: 0.0,
     ) -> Self:
         """Draws volumes from the run's own maps.
 
-        Fewer than `NULL_DRAWS` are enough where the level is far below a floor that holds anyway.
+        Fewer than `NULL_DRAWS` are enough where the level is far below a floor that holds anyway,
+        or below all columns that it may decide on.
 
         Args:
             views: The evidence.
@@ -70,14 +72,17 @@ class NullLevel:
             progress: Receives the share done.
             most_false_alarm: What the level is of.
             least_nats: The floor; 0 without one.
+            weakest_nats: Evidence of the weakest column that may be a plume; called at most once,
+                and not where the floor decides.
         """
+        weakest = cache(weakest_nats)
         strongest: list[float] = []
         while len(strongest) < NULL_DRAWS:
             progress(len(strongest) / NULL_DRAWS)
             strongest.append(draw_strongest(views, box, rng))
             if len(strongest) >= FEWEST_DRAWS:
                 level = cls.from_draws(strongest).threshold(most_false_alarm)
-                if CLEAR_FACTOR * level < least_nats:
+                if CLEAR_FACTOR * level < least_nats or CLEAR_FACTOR * level < weakest():
                     break
         return cls.from_draws(strongest)
 
