@@ -18,7 +18,7 @@ import numpy as np
 from detect.information import DisplacementInformation
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.grid import lever_gate
-from geometry.normal_errors import MAD_TO_SIGMA
+from geometry.normal_errors import MAD_TO_SIGMA, quick_quantile
 from locate.fusion.search.score import NEAREST_DEPTH_UNITS
 from locate.fusion.views import Views
 
@@ -253,7 +253,7 @@ def _filter_side(
     """(h, w) sigmas of one side in units of their scatter over the view, and sigmas per px."""
     score, variance = _correlate(across, kernel), _correlate(precision, kernel * kernel)
     some = (slice(None, None, max(1, round(len(score) / SOME_ROWS))),) * 2
-    known = variance > LEAST_KNOWN * max(float(np.percentile(variance[some], 90)), 1e-9)
+    known = variance > LEAST_KNOWN * max(quick_quantile(variance[some], 0.9), 1e-9)
     root = np.sqrt(np.maximum(variance, np.float32(1e-9), out=variance), out=variance)
     sigmas = np.divide(score, root, out=score)
     sigmas *= known
@@ -282,7 +282,7 @@ def scatter_of(values: FloatArray | FloatMap, fewest: int = 30) -> float:
     """The standard deviation of values about zero, outliers apart; 1 where they are too few."""
     if values.size < fewest:
         return 1.0
-    return max(MAD_TO_SIGMA * float(np.median(np.abs(values))), 1e-3)
+    return max(MAD_TO_SIGMA * quick_quantile(np.abs(values), 0.5), 1e-3)
 
 
 def _common_direction(views: Views) -> FloatArray:
