@@ -13,6 +13,7 @@ from detect.registered.exposure import brighten, brighten_full_size, gain_toward
 from detect.registered.features import stack_features
 from detect.registered.neighbours import choose_neighbours, typical_inverse_depth
 from detect.registered.registration import Measurement, Neighbour, Registration
+from detect.registered.separation import MOST_ONE_SIDED
 from geometry.arrays import FloatArray, FloatMap
 from geometry.epipolar import EpipolarGeometry
 from geometry.errors import BadInputError
@@ -145,13 +146,15 @@ def _assemble_detection(
     """What was measured, with its evidence; the unit is 1 / world unit.
 
     The neighbours see through the plume too, so part of w cancels: sigma grows with w, by a
-    share that was measured on simulated scenes.
+    share that was measured on simulated scenes. What is seen from one side alone tells nothing.
     """
     size_px = np.linalg.norm(measurement.displacement, axis=-1)
+    known = measurement.one_sidedness < MOST_ONE_SIDED
+    stated_px = np.where(known, np.hypot(sigma_px, GAIN_ERROR * size_px), np.inf)
     return Detection(
         displacement=measurement.displacement.astype(np.float32),
-        sigma_px=np.hypot(sigma_px, GAIN_ERROR * size_px).astype(np.float32),
-        llr=llr,
+        sigma_px=stated_px.astype(np.float32),
+        llr=np.where(known, llr, np.float32(0)),
         inverse_depth=measurement.inverse_depth(inverse_depth_unit),
         information=measurement.information,
     )

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from detect.information import MAP_WIDTH_PX, DisplacementInformation
-from detect.registered.separation import TINY, row_bands
+from detect.registered.separation import MOST_ONE_SIDED, TINY, one_sidedness, row_bands
 from detect.warp import blur
 from geometry.arrays import FloatMap
 
@@ -133,6 +133,8 @@ def measure_pixels(frames: RegisteredFrames) -> DisplacementInformation:
         variance += steepness[rows] * error_px2[rows]
         seen = frames.visible[:, rows].sum(axis=0)
         enough = seen >= max(2, ENOUGH_NEIGHBOURS * len(frames.visible))
+        one_sided = one_sidedness(lever[:, None], weights, np.float32(STEP_STIFFNESS))
+        enough &= one_sided < MOST_ONE_SIDED
         precision[rows] = enough / variance
     precision /= 1 + (told * told / (steepness + 1) / MOST_PX**2) ** 2
     weighted_x, weighted_y = precision * along_x, precision * along_y

@@ -54,6 +54,7 @@ class Measurement:
         scatter_px: Standard deviation of the neighbours' residuals, one component.
         variance_factor: Variance of w for residuals of unit variance.
         visible: In how many neighbours a pixel is seen, with weights from 0 to 1.
+        one_sidedness: How many times as uncertain w is as if all neighbours saw a pixel alike.
         texture: Mean squared gradient round a pixel, (grey levels per px) squared.
         relative_inverse_depth: In units of the scene's typical one, cleaned by a median filter.
         depth_edge_px: By how much parallax varies between a pixel and its surroundings.
@@ -66,6 +67,7 @@ class Measurement:
     scatter_px: FloatMap
     variance_factor: FloatMap
     visible: FloatMap
+    one_sidedness: FloatMap
     texture: FloatMap
     relative_inverse_depth: FloatMap
     depth_edge_px: FloatMap
@@ -216,7 +218,8 @@ class Registration:
         )
 
     def _second_stage(self, registered: RegisteredNeighbours, first: FloatMap) -> Measurement:
-        misfit, variance, factor, seen, parallax = np.empty((5, *self._image.shape), np.float32)
+        shape = (6, *self._image.shape)
+        misfit, variance, factor, seen, one_sided, parallax = np.empty(shape, np.float32)
         displacement = np.empty_like(first)
         for rows in row_bands(len(misfit)):
             misfit[rows] = median_map(registered.misfits[:, rows]) + 4
@@ -224,6 +227,7 @@ class Registration:
             displacement[:, rows] = second.answer.displacement
             factor[rows] = second.answer.variance_factor
             variance[rows], seen[rows] = second.variance, second.seen
+            one_sided[rows] = second.one_sidedness
             parallax[rows] = np.sqrt(squared_length(registered.slopes[:, :, rows]).max(axis=0))
         step = np.abs(self._inverse_depth - blur(self._inverse_depth, 5.0)) * parallax
         depth_edge_px = cv2.dilate(step, np.ones((5, 5), np.uint8))
@@ -234,6 +238,7 @@ class Registration:
             scatter_px=np.sqrt(variance / 2),
             variance_factor=factor,
             visible=seen,
+            one_sidedness=one_sided,
             texture=self._texture,
             relative_inverse_depth=self._inverse_depth,
             depth_edge_px=depth_edge_px,

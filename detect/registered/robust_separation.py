@@ -5,7 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from detect.registered.separation import TINY, Separation, separate_parallax
+from detect.registered.separation import (
+    STEP_STIFFNESS_PX2,
+    TINY,
+    Separation,
+    one_sidedness,
+    separate_parallax,
+)
 from geometry.arrays import FloatMap
 
 
@@ -32,11 +38,19 @@ class RegisteredNeighbours:
 
 @dataclass(frozen=True, kw_only=True)
 class RobustSeparation:
-    """The answer without outliers, its residual variance, the weight that was left."""
+    """The answer without outliers.
+
+    Attributes:
+        answer: Of some rows.
+        variance: (H, W) of the residuals.
+        seen: (H, W) weight that was left.
+        one_sidedness: (H, W) as of the function of that name.
+    """
 
     answer: Separation
     variance: FloatMap
     seen: FloatMap
+    one_sidedness: FloatMap
 
 
 def separate_robust(
@@ -48,7 +62,12 @@ def separate_robust(
     answer, squares, variance = _separate_weighted(shifts, slopes, weights)
     weights /= 1 + squares / (4 * variance + 1e-4)
     answer, _, variance = _separate_weighted(shifts, slopes, weights)
-    return RobustSeparation(answer=answer, variance=variance, seen=weights.sum(axis=0))
+    return RobustSeparation(
+        answer=answer,
+        variance=variance,
+        seen=weights.sum(axis=0),
+        one_sidedness=one_sidedness(slopes, weights, STEP_STIFFNESS_PX2),
+    )
 
 
 def _separate_weighted(

@@ -14,6 +14,9 @@ from geometry.arrays import FloatMap
 
 TINY = np.float32(1e-6)
 STEP_STIFFNESS_PX2 = np.float32(1e-2)
+MOST_ONE_SIDED = 2.0
+"""One-sidedness from which on a pixel tells nothing: beyond, displacements are systematically wrong
+by up to 0.1 px (docs/weak_plumes.md). Set on three recordings."""
 BAND = 32
 MEAN, SUM = "nij,ncij->cij", "ncij,ncij->ij"
 
@@ -62,6 +65,32 @@ def separate_parallax(flows: FloatMap, slopes: FloatMap, weights: FloatMap) -> S
         displacement=mean_flow - mean_slope * step,
         variance_factor=1 / total + squared_length(mean_slope) / (2 * spread),
     )
+
+
+def one_sidedness(slopes: FloatMap, weights: FloatMap, stiffness: np.float32) -> FloatMap:
+    """(H, W) how many times as uncertain w is as if all neighbours saw a pixel alike.
+
+    Neighbours on both sides of the path have slopes of both signs, and w is what they measure on
+    average. Where one side is hidden or out of the frame w is extrapolated, with all errors that
+    grow with the slope.
+
+    Args:
+        slopes: (N, C, H, W) per unit of relative inverse depth.
+        weights: (N, H, W) from 0 to 1.
+        stiffness: Of the inverse depth, in squared units of the slopes.
+    """
+    alike = np.ones_like(weights)
+    own, best = (_variance_growth(slopes, each, stiffness) for each in (weights, alike))
+    return np.asarray(own / best)
+
+
+def _variance_growth(slopes: FloatMap, weights: FloatMap, stiffness: np.float32) -> FloatMap:
+    """(H, W) variance of w along the slopes over that at the neighbours' mean slope."""
+    total = weights.sum(axis=0) + TINY
+    mean = np.einsum(MEAN, weights, slopes) / total
+    mean_square = np.einsum("nij,ncij,ncij->ij", weights, slopes, slopes) / total
+    centred = np.maximum(mean_square - squared_length(mean), 0) + stiffness / total
+    return np.asarray(1 + squared_length(mean) / centred)
 
 
 def row_bands(height: int) -> Iterator[slice]:

@@ -11,8 +11,8 @@ def measurement(w: tuple[float, float]) -> Measurement:
     field = np.broadcast_to(np.float32(w), (*SHAPE, 2))
     return Measurement(
         displacement=field, first_displacement=field / 2, misfit=one, scatter_px=0.1 * one,
-        variance_factor=one, visible=8 * one, texture=one, relative_inverse_depth=one,
-        depth_edge_px=0 * one,
+        variance_factor=one, visible=8 * one, one_sidedness=one, texture=one,
+        relative_inverse_depth=one, depth_edge_px=0 * one,
     )  # fmt: skip
 
 

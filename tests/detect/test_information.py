@@ -130,6 +130,20 @@ def test_a_neighbour_that_errs_counts_for_little() -> None:
     assert with_it > 0.5 * without
 
 
+def test_pixels_that_one_side_of_the_path_hides_do_not_count() -> None:
+    frames = registered(random_texture(1.0), column_turn(0.0), [1.0] * 8)
+    frames.visible[4:, :, :80] = 0
+    known = displacement_information(frames).matrix[..., 0].mean(axis=0)
+    assert known[:38].max() < 0.02 * known[42:].min()
+
+
+def test_neighbours_that_all_lie_on_one_side_tell_what_they_can() -> None:
+    frames = registered(random_texture(1.0), column_turn(0.0), [1.0] * 8)
+    one_sided = replace(frames, slopes=frames.slopes + np.float32(25))
+    both, one = (displacement_information(each).matrix[..., 0] for each in (frames, one_sided))
+    assert one.mean() > 0.5 * both.mean()
+
+
 def share_measured(scene: TwoWalls, truth: np.ndarray) -> float:
     """Measured over true displacement, both without what surroundings share."""
     information = RegisteredDetector().detect(scene.frames, scene.key).information

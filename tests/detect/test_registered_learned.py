@@ -174,8 +174,8 @@ def test_a_denser_gas_bends_the_other_way() -> None:
 def test_features_tell_what_they_were_made_of(name: Plain, attribute: str) -> None:
     rng = np.random.default_rng(1)
     scalars = {n: rng.uniform(0.1, 5, SHAPE).astype(np.float32) for n in (
-        "misfit", "scatter_px", "variance_factor", "visible", "texture",
-        "relative_inverse_depth", "depth_edge_px")}  # fmt: skip
+        "misfit", "scatter_px", "variance_factor", "visible", "one_sidedness",
+        "texture", "relative_inverse_depth", "depth_edge_px")}  # fmt: skip
     vectors = rng.normal(size=(2, *SHAPE, 2)).astype(np.float32)
     measurement = Measurement(displacement=vectors[0], first_displacement=vectors[1], **scalars)
     inputs = stack_features(measurement, np.full(SHAPE, 0.1, np.float32))
@@ -207,7 +207,7 @@ def test_the_network_finds_where_and_the_measurement_how_much(
         np.testing.assert_array_equal(getattr(detection, name), getattr(by_hand, name))
     told = plain.measure(scene.frames, scene.key)
     assert told is not None
-    measured = (told[0].texture >= 0.3) & (told[0].visible >= 1)
+    measured = (told[0].texture >= 0.3) & (told[0].visible >= 1) & (told[0].one_sidedness < 2)
     assert 0.2 < measured.mean() < 0.95
     assert not detection.llr[~measured].any()
     rich = measured & (
