@@ -5,13 +5,20 @@ import pytest
 
 from detect.information import DisplacementInformation
 from geometry.grid import sum_evidence
+from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.find import FoundPlumes
 from locate.fusion.fuse import FusionResult
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched import plumes
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, agreed_sigmas, find_turns
-from locate.fusion.matched.plumes import RADIUS_WIDTHS, TurnSearch, column_of, strength_of_turn
+from locate.fusion.matched.plumes import (
+    RADIUS_WIDTHS,
+    TurnSearch,
+    column_of,
+    join_turn,
+    strength_of_turn,
+)
 from locate.fusion.matched.probability import passes, true_probability
 from locate.fusion.matched.scan import propose_turns
 from locate.fusion.matched.score import SHARED, join_sides
@@ -269,6 +276,16 @@ def test_a_turn_without_an_axis_leaves_doubt(
     none = search.find_plumes([], np.random.default_rng(1))
     assert none.plumes == []
     assert none.rejected == pytest.approx(plume.probability)
+
+
+@pytest.mark.parametrize(("on_turn", "x"), [(True, 0.2), (False, 0.0)])
+def test_what_pixels_and_turn_differ_by_widens_the_covariance(on_turn: bool, x: float) -> None:
+    axis = AxisEstimate(lowest=1.0, line=np.zeros(4), covariance=0.01 * np.eye(4), sway=None)
+    turn = Turn(PlumeColumn(np.array([0.2, 0, 1, 0, 0, 2, 0.1, 0])), sigmas=9.0)
+    column, joined = join_turn(turn.column.shifted(np.array([-0.2, 0])), axis, turn, on_turn)
+    np.testing.assert_allclose(joined.line, [x, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(column.line, joined.line, atol=1e-9)
+    np.testing.assert_allclose(joined.covariance - axis.covariance, np.diag([0.02, 0, 0, 0]))
 
 
 def test_views_that_err_alike_count_once(truth: ColumnTruth) -> None:

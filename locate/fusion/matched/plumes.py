@@ -166,17 +166,16 @@ def _measure_turn(
     measured = _try_axis(filled, column, rng)
     weak = strength.nats_per_view < CLUTTER_NATS
     near = SAME_AXIS_UNITS if weak else SAME_STRONG_AXIS_UNITS
+    on_turn = bool(np.mean(~views.by_pixels.llr.any(axis=(1, 2))) > MOSTLY_SILENT)
     if measured is None or turn.column.widest_gap_to(measured[0]) > near * views.unit:
         # The evidence of pixels shows no axis, or lies elsewhere: what they say for the turn counts
         # alone.
         filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
         measured = _try_axis(filled, column, rng) or measured
-        if measured is None:
-            return None
-        measured = _on_turn(*measured, turn)
-    elif np.mean(~views.by_pixels.llr.any(axis=(1, 2))) > MOSTLY_SILENT:
-        measured = _on_turn(*measured, turn)
-    plume = measure_plume(filled, *measured, 1 - strength.probability)
+        on_turn = True
+    if measured is None:
+        return None
+    plume = measure_plume(filled, *join_turn(*measured, turn, on_turn), 1 - strength.probability)
     return replace(
         plume,
         evidence_nats=strength.nats_per_view * len(views.by_pixels) + turn.sigmas**2 / 2,
@@ -192,13 +191,19 @@ def _try_axis(
     return next((measured for measured in tries if measured is not None), None)
 
 
-def _on_turn(
-    column: PlumeColumn, axis: AxisEstimate, turn: Turn
+def join_turn(
+    column: PlumeColumn, axis: AxisEstimate, turn: Turn, on_turn: bool
 ) -> tuple[PlumeColumn, AxisEstimate]:
-    """The column and its axis moved onto the turn's own axis; the covariance stays."""
+    """The column and its axis, on the turn's own axis if `on_turn`.
+
+    Two estimates of one variance differ by twice that variance on average, so half of the squared
+    difference of the axes is added to the covariance.
+    """
     (point,) = turn.column.axis_points(np.array([axis.lowest - turn.column.lowest_z]))
     line = np.concatenate([point[:2], turn.column.slope])
-    return column.on_line(line), replace(axis, line=line)
+    apart = line - axis.line
+    axis = replace(axis, covariance=axis.covariance + np.outer(apart, apart) / 2)
+    return (column.on_line(line), replace(axis, line=line)) if on_turn else (column, axis)
 
 
 def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) -> float:
