@@ -22,9 +22,9 @@ Loss = str
 YEAR_S = 365 * 86400
 
 
-def kill_at_random(whole: Whole, output: Path, tries: int) -> Iterator[Loss]:
+def kill_at_random(whole: Whole, output: Path, tries: int, seed: int = 0) -> Iterator[Loss]:
     """SIGALRM, which ends a process as a kill does, at a random moment; then the run goes on."""
-    moments = np.random.default_rng(0).uniform(0, whole.seconds, 3 * tries)
+    moments = np.random.default_rng(seed).uniform(0, whole.seconds, 3 * tries)
     killed = 0
     for moment_s in moments:
         ending = whole.run(output, partial(signal.setitimer, signal.ITIMER_REAL, moment_s))
@@ -200,8 +200,9 @@ def _set_clock(step_s: float) -> None:
     time.time = tell
 
 
+AT_RANDOM = "kills at random moments"
 KINDS: dict[str, Callable[[Whole, Path, int], Iterator[Loss]]] = {
-    "kills at random moments": kill_at_random,
+    AT_RANDOM: kill_at_random,
     "kills at changes of the folder": kill_at_changes,
     "errors from a change on": fail_at_changes,
     "a damaged file of a finished run": damage_files,
