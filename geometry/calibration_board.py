@@ -64,10 +64,14 @@ class CalibrationBoard:
         if dictionary is None:
             raise BadInputError(f"--board {text}: OpenCV has no dictionary {charuco[1]}")
         share = float(charuco[4] or USUAL_SHARE)
-        try:
-            board = cv2.aruco.CharucoBoard(
-                sizes, 1.0, share, cv2.aruco.getPredefinedDictionary(dictionary)
+        markers = cv2.aruco.getPredefinedDictionary(dictionary)
+        held, needed = len(markers.bytesList), columns * rows // 2
+        if needed > held:
+            raise BadInputError(
+                f"--board {text}: needs {needed} markers, the dictionary has {held}"
             )
+        try:
+            board = cv2.aruco.CharucoBoard(sizes, 1.0, share, markers)
             return cls(columns, rows, cv2.aruco.CharucoDetector(board))
         except cv2.error as error:
             raise BadInputError(f"--board {text}: not a board that OpenCV can make") from error

@@ -1,16 +1,19 @@
-"""Binary COLMAP models whose counts fit their files; COLMAP's own reader trusts every count.
+"""COLMAP models from strangers.
 
-A file cut short makes that reader spin for hours or take all memory, so the records are counted
-through here first.
+COLMAP's own reader trusts every count of a binary file: one cut short makes it spin for hours or
+take all memory, so the records are counted through here first. In texts it knows no mark.
 """
 
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pycolmap
 
 from geometry.errors import BadInputError
+from geometry.regular_files import read_content, refuse_streams_within
+from geometry.text_files import has_mark, read_text
 
 
 class _Records:
@@ -77,20 +80,38 @@ FILES: dict[str, Callable[[_Records], None]] = {
 }
 
 
+def read_colmap_model(folder: Path) -> pycolmap.Reconstruction:
+    """Reads a model, binary or as text.
+
+    Raises:
+        BadInputError: A file is missing, cannot be read, or holds other than it declares.
+    """
+    check_colmap_files(folder)
+    texts = [] if (folder / "cameras.bin").exists() else sorted(folder.glob("*.txt"))
+    try:
+        if not any(map(has_mark, texts)):
+            return pycolmap.Reconstruction(folder)
+        with TemporaryDirectory() as plain:
+            for path in texts:
+                Path(plain, path.name).write_text(read_text(path), encoding="utf-8")
+            return pycolmap.Reconstruction(plain)
+    except (ValueError, RuntimeError, LookupError, MemoryError, OSError) as error:
+        raise BadInputError(f"{folder}: not a whole COLMAP model; export it again") from error
+
+
 def check_colmap_files(folder: Path) -> None:
-    """Refuses a binary model in which a file holds less or more than it declares.
+    """Refuses pipes in a model, and a binary one in which a file holds other than it declares.
 
     Raises:
         BadInputError: One does, or cannot be read.
     """
+    refuse_streams_within(folder)
     for name, skip_record in FILES.items():
         path = folder / name
         if not path.exists():
             continue
-        if not path.is_file():
-            raise BadInputError(f"{path}: is no file")
         try:
-            content = path.read_bytes()
+            content = read_content(path)
             _walk(content, skip_record)
         except OSError as error:
             raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error

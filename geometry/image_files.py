@@ -7,24 +7,7 @@ import numpy as np
 
 from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError, describe_error
-
-
-def is_stream(path: Path) -> bool:
-    """Whether a path is a pipe, a socket or a device, which end when somebody else likes."""
-    try:
-        return path.exists() and not path.is_file() and not path.is_dir()
-    except OSError:
-        return False  # said by who reads it
-
-
-def refuse_streams(path: Path) -> None:
-    """Refuses what cannot be read twice.
-
-    Raises:
-        BadInputError: It is a pipe or a device.
-    """
-    if is_stream(path):
-        raise BadInputError(f"{path}: is a pipe or a device; store it as a file and give that")
+from geometry.regular_files import read_content
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_GRAYSCALE) -> np.ndarray | None:
@@ -35,7 +18,7 @@ def read_image(path: Path, flags: int = cv2.IMREAD_GRAYSCALE) -> np.ndarray | No
         flags: As of `cv2.imdecode`.
     """
     try:
-        content = path.read_bytes()
+        content = read_content(path)
         if not content or takes_too_much(content):
             return None
         return cv2.imdecode(np.frombuffer(content, np.uint8), flags)

@@ -1,6 +1,8 @@
-"""Paths that were read from a file, whose writer may have named anything."""
+"""Paths that somebody named, who may have named anything."""
 
 from pathlib import Path
+
+from geometry.errors import BadInputError
 
 
 def is_there(path: Path) -> bool:
@@ -10,3 +12,15 @@ def is_there(path: Path) -> bool:
     except (OSError, ValueError):
         return False
     return True
+
+
+def resolve_path(path: Path) -> Path:
+    """The absolute path that all symbolic links lead to.
+
+    Raises:
+        BadInputError: They lead in a circle.
+    """
+    try:
+        return path.resolve()
+    except RuntimeError as error:
+        raise BadInputError(f"{path}: its links lead in a circle; remove them") from error

@@ -11,7 +11,7 @@ from geometry.angle_of_view import refuse_wide_lens
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
+from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 
 MAX_TIME_GAP_S = 0.02
@@ -140,11 +140,11 @@ def read_camera(path: Path, width: int, height: int) -> Camera:
         BadInputError: The file cannot be read, is none, the aspect is another, or the lens sees
             more than 120 degrees.
     """
+    content = read_json(path)
     try:
-        content = parse_json(path.read_text())
         camera = resize_camera(Camera.from_dict(content.get("camera", content)), width, height)
         refuse_wide_lens(camera)
-    except (OSError, ValueError, AttributeError, BadInputError) as error:
+    except (ValueError, AttributeError, BadInputError) as error:
         raise BadInputError(f"{path}: not a camera file ({error})") from error
     return camera
 

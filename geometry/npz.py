@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from geometry.arrays import FloatMap
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
+from geometry.regular_files import open_regular
 
 BROKEN = (
     OSError, EOFError, TypeError, ValueError, RuntimeError, MemoryError, OverflowError,
@@ -83,7 +84,7 @@ def open_arrays(path: Path, what: str) -> Iterator[Any]:
         BadInputError: The file is missing, broken or lacks an array. `what` is its name for people.
     """
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             _check_sizes(stream)
             with np.load(stream, allow_pickle=False) as file:
                 yield file
@@ -98,7 +99,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray[Any, Any]]:
         BadInputError: The file is missing, cut short, or not a .npz of plain arrays.
     """
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             if _check_sizes(stream) > MOST_BYTES:
                 raise ValueError(f"its arrays take more than {MOST_BYTES // 2**20} MiB")
             with np.load(stream, allow_pickle=False) as file:

@@ -18,12 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
-from geometry.colmap_files import check_colmap_files
+from geometry.colmap_files import read_colmap_model
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
 from geometry.lens_terms import merge_cameras, read_transforms_camera, write_camera_block
 from geometry.named_poses import NamedPoses, resize_camera
 from geometry.pose_lists import read_pose_list
+from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 
 MAX_SKEW = 0.01
@@ -57,10 +57,7 @@ def _read_by_kind(path: Path, camera: Camera | None) -> NamedPoses:
         return _read_colmap(path, camera)
     if path.suffix.lower() != ".json":
         return _read_list(path, camera)
-    try:
-        content = parse_json(path.read_text())
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"{path}: not a readable pose file ({error})") from error
+    content = read_json(path)
     if isinstance(content, dict) and "schema" not in content:
         return _read_transforms(path, content, camera)
     found = Trajectory.load(path)
@@ -178,9 +175,8 @@ def _read_list(path: Path, camera: Camera | None) -> NamedPoses:
 
 
 def _read_colmap(folder: Path, camera: Camera | None) -> NamedPoses:
-    check_colmap_files(folder)
+    model = read_colmap_model(folder)
     try:
-        model = pycolmap.Reconstruction(folder)
         images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda one: one.name)
         poses = [image.cam_from_world() for image in images]
         own = camera or merge_cameras(

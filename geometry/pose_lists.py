@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.text_files import read_text
 
 KINDS = (
     "a line holds 8 numbers, stamp tx ty tz qx qy qz qw (TUM), 12 of a matrix (KITTI), or begins "
@@ -50,10 +51,7 @@ def read_pose_list(path: Path) -> PoseList:
     Raises:
         BadInputError: It cannot be read, or a line is of no known kind; named.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"{path}: not a readable list of poses ({error})") from error
+    text = read_text(path)
     header = ""
     rows: list[tuple[int, list[str]]] = []
     for number, line in enumerate(text.splitlines(), start=1):

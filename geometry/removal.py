@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 from geometry.errors import BadInputError
+from geometry.named_paths import resolve_path
 
 LONGEST_NAME = 255
 """Bytes, of Linux's file systems."""
@@ -23,7 +24,7 @@ def path_inside(folder: Path, name: str) -> Path:
         BadInputError: The name, or a link behind it, leads outside the folder.
     """
     path = folder / name
-    if folder.resolve() not in path.resolve().parents:
+    if resolve_path(folder) not in resolve_path(path).parents:
         raise BadInputError(
             f"{path}: leads outside {folder}; remove this link or choose another folder"
         )

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
 from geometry.quaternions import rotation_of
 from geometry.similarity import Similarity
+from geometry.text_files import read_json
 
 SCHEMA = "locate.trajectory/1"
 READABLE_SCHEMAS = (SCHEMA, "locate.truth/1")
@@ -223,10 +223,7 @@ class Trajectory:
         Raises:
             BadInputError: The file is missing, not JSON, or not a trajectory.
         """
-        try:
-            content = parse_json(Path(path).read_text())
-        except (OSError, ValueError) as error:
-            raise BadInputError(f"{path}: not a readable trajectory file ({error})") from error
+        content = read_json(Path(path))
         if not isinstance(content, dict):
             raise BadInputError(f"{path}: not a trajectory (expected a JSON object)")
         try:

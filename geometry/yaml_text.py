@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from geometry.json_text import LARGEST_INT
+from geometry.json_text import LARGEST_INT, given_twice
 
 LONGEST = 2**18
 """Characters of a text, some 6 CPU s; ours have some thousand."""
@@ -14,25 +14,27 @@ MOST_VALUES = 1_000_000
 MERGE = "tag:yaml.org,2002:merge"
 
 
-def parse_yaml(text: str | bytes) -> Any:
+def parse_yaml(text: str) -> Any:
     """What a YAML text says.
 
     Raises:
-        yaml.YAMLError: It is not YAML or very long, its nesting or aliases unfold without end, it
+        ValueError: It is not YAML or very long, its nesting or aliases unfold without end, it
             merges mappings (`<<`), gives a key twice, or holds a number in base 60 or one that no
             array holds.
     """
     if len(text) > LONGEST:
-        raise yaml.YAMLError(f"{len(text)} characters, at most {LONGEST} are read")
+        raise ValueError(f"{len(text)} characters, at most {LONGEST} are read")
     try:
         content = yaml.load(text, PlainLoader)
         if _count_values(content, {}) <= MOST_VALUES:
             return content
     except RecursionError:
-        raise yaml.YAMLError("nested too deeply") from None
-    except (ValueError, OverflowError) as error:
-        raise yaml.YAMLError(" ".join(str(error).split())) from error
-    raise yaml.YAMLError("its aliases unfold to too many values")
+        raise ValueError("nested too deeply") from None
+    except yaml.YAMLError as error:
+        raise ValueError(f"not YAML ({' '.join(str(error).split())})") from error
+    except OverflowError as error:
+        raise ValueError(str(error)) from error
+    raise ValueError("its aliases unfold to too many values")
 
 
 class PlainLoader(yaml.SafeLoader):
@@ -41,11 +43,11 @@ class PlainLoader(yaml.SafeLoader):
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         """Merges of merges double the mapping with every line; a key is given once."""
         if any(key.tag == MERGE for key, _ in node.value):
-            raise yaml.YAMLError("merges of mappings (<<) are not read; write the values out")
+            raise ValueError("merges of mappings (<<) are not read; write the values out")
         keys = (key for key, _ in node.value if isinstance(key, yaml.ScalarNode))
         for (_, name), count in Counter((key.tag, key.value) for key in keys).items():
             if count > 1:
-                raise yaml.YAMLError(f"{name[:40]!r} is given twice")
+                raise given_twice(name)
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number; in base 60 its digits take the square of their number in time."""
@@ -53,7 +55,7 @@ class PlainLoader(yaml.SafeLoader):
         _refuse_base_60(text)
         number = int(super().construct_yaml_int(node))
         if abs(number) > LARGEST_INT:
-            raise yaml.YAMLError(f"a whole number of {len(text)} digits")
+            raise ValueError(f"a whole number of {len(text)} digits")
         return number
 
     def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
@@ -68,7 +70,7 @@ PlainLoader.add_constructor("tag:yaml.org,2002:float", PlainLoader.construct_yam
 
 def _refuse_base_60(text: str) -> None:
     if ":" in text:
-        raise yaml.YAMLError(f'{text[:20]} would be a number in base 60; write "{text[:20]}"')
+        raise ValueError(f'{text[:20]} would be a number in base 60; write "{text[:20]}"')
 
 
 def _count_values(value: Any, known: dict[int, int]) -> int:

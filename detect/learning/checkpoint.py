@@ -11,6 +11,8 @@ from torch import nn
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
+from geometry.regular_files import append_regular, open_regular
+from geometry.text_files import read_text
 
 SCHEMA = "locate.training/1"
 JOURNAL = "journal.jsonl"
@@ -38,7 +40,8 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         BadInputError: The file is missing, broken, or something else.
     """
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        with open_regular(path) as file:
+            content = torch.load(file, map_location="cpu", weights_only=True)
     except Exception as error:
         line = str(error).splitlines()[0]
         raise BadInputError(f"{path}: not a readable checkpoint ({line})") from error
@@ -64,14 +67,14 @@ def load_weights(network: nn.Module, content: Mapping[str, Any], path: Path) -> 
 
 def append_to_journal(folder: Path, line: Mapping[str, Any]) -> None:
     """Adds a line to the journal of a training."""
-    with (folder / JOURNAL).open("a") as file:
+    with append_regular(folder / JOURNAL) as file:
         file.write(json.dumps(line) + "\n")
 
 
 def read_journal(folder: Path) -> list[dict[str, Any]]:
     """The lines of a training's journal; a torn last line is left out."""
     lines = []
-    for text in (folder / JOURNAL).read_text().splitlines():
+    for text in read_text(folder / JOURNAL).splitlines():
         try:
             lines.append(parse_json(text))
         except ValueError:

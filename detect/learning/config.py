@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError, model_validator
 
 from detect.learning.clips import Leaks
 from geometry.errors import BadInputError, first_complaint
-from geometry.yaml_text import parse_yaml
+from geometry.text_files import read_yaml
 
 Range = tuple[float, float]
 
@@ -236,12 +235,9 @@ class TrainConfig(_TrainingSettings):
         Raises:
             BadInputError: It cannot be read, or a setting is unknown, missing or out of range.
         """
+        content = read_yaml(path)
         try:
-            content = parse_yaml(path.read_text())
             config = cls.model_validate(content)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            line = str(error).splitlines()[0]
-            raise BadInputError(f"{path}: not a readable training config ({line})") from error
         except ValidationError as error:
             place, what = first_complaint(error)
             raise BadInputError(f"{path}: {place} {what}".rstrip()) from error

@@ -18,8 +18,8 @@ from detect.synthesis.sample import Sample, Sources, sample_at
 from geometry.arrays import BoolArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
 from geometry.npz import as_float32, check_numbers, open_arrays, save_arrays
+from geometry.text_files import read_json
 
 SCHEMA = "locate.samples/1"
 INDEX_NAME = "dataset.json"
@@ -203,10 +203,7 @@ def read_index(folder: Path) -> dict[str, Any]:
         BadInputError: It is missing, broken or of another schema.
     """
     path = folder / INDEX_NAME
-    try:
-        index = parse_json(path.read_text())
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"{path}: not a readable index of samples ({error})") from error
+    index = read_json(path)
     if not isinstance(index, dict) or index.get("schema") != SCHEMA:
         raise BadInputError(f"{path}: not an index of samples of schema {SCHEMA}")
     return index

@@ -3,13 +3,12 @@
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from detect.synthesis.patterns import PatternRanges
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError, first_complaint
-from geometry.yaml_text import parse_yaml
+from geometry.text_files import read_yaml
 
 Family = Literal["sinusoid", "checkerboard", "lines", "perlin", "squares", "scene", "photo"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
@@ -123,11 +122,7 @@ class Recipe(BaseModel):
         Raises:
             BadInputError: It cannot be read, or is not a recipe.
         """
-        try:
-            content = parse_yaml(path.read_text())
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            line = str(error).splitlines()[0]
-            raise BadInputError(f"{path}: not a readable recipe ({line})") from error
+        content = read_yaml(path)
         if isinstance(content, dict):
             for name in ("photos", "flows"):
                 if isinstance(content.get(name), str):

@@ -129,4 +129,6 @@ def _ignore_image() -> None:
 
 
 def _by_size(models: dict[int, pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
-    return sorted(models.values(), key=lambda model: -model.num_reg_images())
+    """Without those whose points were all dropped: poses that nothing holds."""
+    held = (model for model in models.values() if model.num_points3D())
+    return sorted(held, key=lambda model: -model.num_reg_images())

@@ -8,6 +8,7 @@ import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
+from geometry.regular_files import read_content
 from geometry.sfm import checks, features, track_matches, tracks
 from geometry.sfm.features import MatchedPair
 from geometry.sfm.job import MappingJob
@@ -72,7 +73,7 @@ def read_image(path: Path) -> GreyImage:
     Raises:
         BadInputError: It cannot be read.
     """
-    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    image = cv2.imdecode(np.frombuffer(read_content(path), np.uint8), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise BadInputError(f"{path}: not a readable image")
     return np.asarray(image, dtype=np.uint8)

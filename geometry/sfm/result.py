@@ -9,8 +9,8 @@ import numpy as np
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
 from geometry.npz import check_numbers, read_npz, save_arrays
+from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 
 
@@ -58,7 +58,7 @@ class Reconstruction:
         trajectory = Trajectory.load(folder / "trajectory.json")
         points = read_npz(folder / "points.npz")
         try:
-            content = parse_json((folder / "report.json").read_text())
+            content = read_json(folder / "report.json")
             _check_points(**points)
             ends = np.cumsum(points["visible_counts"])[:-1]
             return cls(

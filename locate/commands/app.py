@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Callable
 from functools import wraps
-from typing import Annotated, ParamSpec
+from typing import Annotated
 
 import typer
 
@@ -16,7 +16,7 @@ from locate.commands.console import out
 from locate.commands.detect import detect
 from locate.commands.doctor import doctor
 from locate.commands.evaluate import evaluate
-from locate.commands.given_paths import refuse_pipes
+from locate.commands.given_values import Given, with_checked_values
 from locate.commands.pattern import pattern
 from locate.commands.plan import plan
 from locate.commands.robot import robot
@@ -26,8 +26,6 @@ from locate.commands.survey import survey
 from locate.commands.train import train
 from locate.commands.view import view
 from locate.journal.progress import interruptible
-
-Given = ParamSpec("Given")
 
 app = typer.Typer(
     help="3D maps of plumes and leaks from a video by a moving camera.",
@@ -42,7 +40,6 @@ def _ending_in_one_line(command: Callable[Given, None]) -> Callable[Given, None]
     @wraps(command)
     def run_interruptibly(*args: Given.args, **kwargs: Given.kwargs) -> None:
         with interruptible():
-            refuse_pipes([*args, *kwargs.values()])
             command(*args, **kwargs)
 
     return run_interruptibly
@@ -53,7 +50,9 @@ COMMANDS = (
     *(calibrate, plan, doctor),
 )
 for command in COMMANDS:
-    app.command(epilog=AGAIN if command is run else None)(_ending_in_one_line(command))
+    app.command(epilog=AGAIN if command is run else None)(
+        _ending_in_one_line(with_checked_values(command))
+    )
 
 
 @robot.callback()

@@ -10,6 +10,7 @@ import typer
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from geometry.lock import hold_output
+from geometry.named_paths import resolve_path
 from locate.commands.console import Output, err, out
 from locate.journal.progress import Report, progress_bars
 
@@ -52,7 +53,8 @@ def bos(
         for path in recordings:
             recording = open_recording(path, max_side=ANY_SIDE)
             known = parse_reference(reference, recording.stretch)
-            name = path.resolve().stem if recording.is_video else path.resolve().name
+            named = resolve_path(path)
+            name = named.stem if recording.is_video else named.name
             with progress_bars(err) as report:
                 pairs = record_pairs(
                     name, _grey_frames(recording, name, report), known, output, settings

@@ -7,6 +7,7 @@ import typer
 
 from geometry.errors import BadInputError
 from locate.commands.console import Output, err, out
+from locate.commands.given_values import with_checked_values
 from locate.journal.progress import progress_bars
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def run_ros2_node(context: typer.Context) -> None:
 
 
 @robot.command("bag")
+@with_checked_values
 def play_bag(
     recording: Annotated[
         Path, typer.Argument(help="A .mcap, .db3 or .bag file, or the folder of a ROS 2 bag.")
@@ -89,6 +91,7 @@ def play_bag(
 
 
 @robot.command("dds")
+@with_checked_values
 def run_dds_node(
     image_topic: Annotated[
         str, typer.Option(help="Of the images; compressed ones end with /compressed.")

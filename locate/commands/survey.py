@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from geometry.named_paths import resolve_path
 from locate.commands.console import Verbose, Weights, err, out
 from locate.journal.log import log_to_file
 from locate.journal.progress import progress_bars, silent
@@ -67,8 +68,8 @@ def survey(
 
     asked = {
         "detector": detector,
-        "weights": None if weights is None else weights.resolve(),
-        "camera": None if camera is None else camera.resolve(),
+        "weights": None if weights is None else resolve_path(weights),
+        "camera": None if camera is None else resolve_path(camera),
         "focal_px": focal,
         "max_frames": max_frames,
         "cell_m": cell,

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.errors import BadInputError, first_complaint
 from geometry.npz import as_float32, read_npz
+from geometry.text_files import read_json
 from geometry.trajectory import FARTHEST, Trajectory
 
 _Length = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
@@ -60,7 +61,7 @@ class SceneTruth:
         path = folder / "truth.json"
         trajectory = Trajectory.load(path)
         try:
-            plumes = _TruthBlock.model_validate_json(path.read_bytes()).plumes
+            plumes = _TruthBlock.model_validate(read_json(path)).plumes
         except ValidationError as error:
             where, what = first_complaint(error)
             raise BadInputError(f"{path}: {where}: {what}") from error

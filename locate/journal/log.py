@@ -11,6 +11,7 @@ from rich.logging import RichHandler
 
 from geometry.errors import LocateError
 from geometry.printable import printable
+from geometry.regular_files import append_regular
 
 FIELDS = ("stage", "wall_s", "cpu_s")
 
@@ -49,7 +50,7 @@ class AppendedLines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Writes one event."""
-        with suppress(OSError), self.path.open("a") as file:
+        with suppress(OSError), append_regular(self.path) as file:
             file.write(self.format(record) + "\n")
 
 

@@ -11,8 +11,8 @@ from detect.haze import Haze
 from geometry.arrays import FloatArray
 from geometry.covariance import principal_sigmas
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
 from geometry.plain import to_plain_values
+from geometry.text_files import read_json
 from locate.map.answer import Answer, Obstacle
 from locate.map.schema import SCHEMA, RefractiveIndex, checked_fields
 
@@ -237,10 +237,7 @@ class PlumeMap:
         Raises:
             BadInputError: The file is missing, not JSON, or not a map of this version.
         """
-        try:
-            content = parse_json(Path(path).read_text())
-        except (OSError, ValueError) as error:
-            raise BadInputError(f"{path}: not a readable map ({error})") from error
+        content = read_json(Path(path))
         try:
             return cls.from_dict(content)
         except BadInputError as error:

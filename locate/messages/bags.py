@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geometry.errors import BadInputError
+from geometry.regular_files import refuse_streams_within
 from locate.messages.codec import VIDEO_ADVICE
 from locate.messages.wiring import PoseSource, Wiring
 
@@ -67,6 +68,7 @@ def open_bag(path: Path) -> Iterator["AnyReader"]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise BadInputError('bags need an extra: pip install "plume-locate[bag]"') from error
+    refuse_streams_within(path)
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
         reader.open()

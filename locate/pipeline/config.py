@@ -6,12 +6,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from geometry.errors import BadInputError, first_complaint
 from geometry.printable import printable
-from geometry.yaml_text import parse_yaml
+from geometry.text_files import read_yaml
 from locate.pipeline.effort import EFFORTS, Amounts, Effort
 
 SCHEMA = "locate.run/1"
@@ -139,11 +138,7 @@ def read_settings(path: Path) -> dict[str, Any]:
     Raises:
         BadInputError: It cannot be read, or states what is no setting or out of range.
     """
-    try:
-        content = parse_yaml(path.read_bytes())
-    except (OSError, yaml.YAMLError) as error:
-        what = " ".join(str(getattr(error, "strerror", None) or error).split())
-        raise BadInputError(f"{path}: not a readable run configuration ({what})") from error
+    content = read_yaml(path)
     if not isinstance(content, dict):
         raise BadInputError(f"{path}: no settings; write lines such as `max_frames: 60`")
     schema = content.get("schema", SCHEMA)

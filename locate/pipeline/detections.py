@@ -10,7 +10,7 @@ from detect.detection import Detection, Detector
 from detect.response import Response
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError, first_complaint
-from geometry.json_text import parse_json
+from geometry.text_files import read_json
 from locate.journal.progress import Report
 from locate.recording.posed_frames import PosedFrames
 from locate.recording.spacing import spread_key_rows
@@ -116,9 +116,7 @@ class DetectionIndex(BaseModel):
         """
         path = folder / INDEX
         try:
-            return cls.model_validate(parse_json(path.read_text()))
-        except OSError as error:
-            raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+            return cls.model_validate(read_json(path))
         except ValidationError as error:
             what = " ".join(first_complaint(error)).strip()
             raise BadInputError(f"{path}: not an index of detections ({what})") from error

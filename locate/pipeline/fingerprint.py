@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from geometry.errors import BadInputError
-from geometry.image_files import refuse_streams
+from geometry.regular_files import open_regular, refuse_streams
 
 EDGE_BYTES = 1 << 20
 """How much of each end of a file is read."""
@@ -36,7 +36,7 @@ def fingerprint_path(path: Path) -> str:
         for file in files:
             size = file.stat().st_size
             summary.update(os.fsencode(file.relative_to(path.parent)) + f" {size}".encode())
-            with file.open("rb") as stream:
+            with open_regular(file) as stream:
                 summary.update(stream.read(EDGE_BYTES))
                 stream.seek(max(0, size - EDGE_BYTES))
                 summary.update(stream.read())

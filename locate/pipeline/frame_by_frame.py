@@ -13,9 +13,9 @@ from detect.detection import Detection, Detector, Frames
 from detect.evidence import LLR_MAX
 from geometry.atomic import atomic_path, is_unfinished, remove_unfinished, write_text_atomic
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
 from geometry.lock import LOCK, hold_lock
 from geometry.removal import remove_inside
+from geometry.text_files import read_json
 from geometry.threads import with_one_blas_thread
 from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.journal.progress import Report, silent
@@ -184,7 +184,7 @@ def _is_hidden(path: Path) -> bool:
 
 def _was_written_here(index: Path) -> bool:
     try:
-        content: Any = parse_json(index.read_text())
-    except (OSError, ValueError, RecursionError):
+        content: Any = read_json(index)
+    except BadInputError:
         return False
     return isinstance(content, dict) and content.get("schema") == SCHEMA

@@ -15,6 +15,7 @@ from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import ScaleConstraint
 from geometry.georeference.board import find_board, marker_board, scale_from_board
 from geometry.georeference.lengths import point_from_pixels, scale_from_distance
+from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.recording.images import FrameImages
 
@@ -50,10 +51,9 @@ class KnownDistance(BaseModel):
         Raises:
             BadInputError: It cannot be read, or a field is wrong; named.
         """
+        content = read_json(path)
         try:
-            return cls.model_validate_json(path.read_bytes())
-        except OSError as error:
-            raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+            return cls.model_validate(content)
         except ValidationError as error:
             field, what = first_complaint(error)
             raise BadInputError(f"{path}: {field or 'distance'}: {what}") from error

@@ -8,7 +8,7 @@ from typing import Self
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import Alignment, Georeference
-from geometry.json_text import parse_json
+from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.map.georeferenced import georeference_map
 from locate.map.plume import PlumeMap
@@ -77,13 +77,13 @@ class Placement:
         """
         if not path.exists():
             return cls()
+        content = read_json(path)
         try:
-            content = parse_json(path.read_text())
             alignment, georeference = content["alignment"], content["georeference"]
             return cls(
                 alignment=None if alignment is None else Alignment.from_dict(alignment),
                 georeference=None if georeference is None else Georeference.from_dict(georeference),
                 notes=tuple(map(str, content["notes"])),
             )
-        except (OSError, ValueError, KeyError, TypeError, BadInputError) as error:
+        except (ValueError, KeyError, TypeError, BadInputError) as error:
             raise BadInputError(f"{path}: not a readable placement ({error})") from error

@@ -9,13 +9,13 @@ import numpy as np
 from geometry.camera import Camera
 from geometry.disk_space import check_space
 from geometry.errors import BadInputError
-from geometry.json_text import parse_json
 from geometry.named_poses import NamedPoses
 from geometry.processes import call_apart
 from geometry.removal import remove_inside
 from geometry.sfm import Reconstruction, reconstruct
 from geometry.sfm.given_poses import check_given_poses
 from geometry.stray_poses import stray_rows
+from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.journal.progress import Report
 from locate.pipeline.files import RunFiles
@@ -147,8 +147,8 @@ def load_pose_notes(files: RunFiles) -> tuple[str, ...]:
     if not files.pose_notes.exists():
         return ()
     try:
-        return tuple(map(str, parse_json(files.pose_notes.read_text())))
-    except (OSError, ValueError, TypeError) as error:
+        return tuple(map(str, read_json(files.pose_notes)))
+    except TypeError as error:
         raise BadInputError(f"{files.pose_notes}: not a list of notes ({error})") from error
 
 

@@ -16,7 +16,7 @@ from geometry.atomic import is_unfinished, remove_unfinished, sync, sync_tree, w
 from geometry.errors import BadInputError, describe_error
 from geometry.lock import LOCK, hold_lock
 from geometry.removal import path_inside, remove_inside
-from geometry.yaml_text import parse_yaml
+from geometry.text_files import read_yaml
 from locate import __version__
 from locate.journal.costs import StageTime, cpu_seconds
 from locate.pipeline.config import SCHEMA
@@ -106,8 +106,8 @@ class RunFolder:
     def _read_schema(self) -> object:
         """Of config.yaml; None where that is missing or damaged."""
         try:
-            content = parse_yaml(self.files.config.read_bytes())
-        except (OSError, ValueError, yaml.YAMLError):
+            content = read_yaml(self.files.config)
+        except BadInputError:
             return None
         return content.get("schema") if isinstance(content, dict) else None
 

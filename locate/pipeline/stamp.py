@@ -9,6 +9,7 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from geometry.atomic import write_text_atomic
+from geometry.regular_files import open_regular, read_content
 from geometry.removal import is_plain_name
 from locate.journal.costs import StageTime
 from locate.pipeline.files import RunFiles
@@ -55,7 +56,7 @@ class FileDigest(BaseModel):
         Raises:
             OSError: It cannot be read.
         """
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             return cls(
                 size=path.stat().st_size, sha256=hashlib.file_digest(stream, "sha256").hexdigest()
             )
@@ -86,7 +87,7 @@ class Stamp(BaseModel):
     def load(cls, path: Path) -> Self | None:
         """Reads what `save` wrote; None where there is no stamp, or none that can be trusted."""
         try:
-            return cls.model_validate_json(path.read_bytes())
+            return cls.model_validate_json(read_content(path))
         except (OSError, ValidationError):
             return None
 

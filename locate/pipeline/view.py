@@ -9,6 +9,7 @@ import numpy as np
 from detect.detection import Detection
 from geometry.arrays import Picture
 from geometry.errors import BadInputError
+from geometry.named_paths import resolve_path
 from locate.export.report.pictures import full_scale_nats
 from locate.export.viewing import ViewedFrame, ViewedRun, require_rerun, write_rrd
 from locate.map.plume import PlumeMap
@@ -49,7 +50,7 @@ def write_view(output: Path, path: Path) -> None:
     _, indices, found = load_detections(files.detections)
     points = load_points(files.points)
     run = ViewedRun(
-        name=output.resolve().name,
+        name=resolve_path(output).name,
         plume_map=plume_map,
         camera=posed.camera.undistorted(),
         trajectory=posed.undistorted_trajectory(),

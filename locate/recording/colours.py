@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from geometry.arrays import Picture
+from geometry.regular_files import read_content
 from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.recording.images import distortion_map
 from locate.recording.posed_frames import PosedFrames
@@ -72,7 +73,7 @@ def _coloured_photos(
 
 def _read_colour(photo: Path) -> Picture | None:
     try:
-        content = photo.read_bytes()
+        content = read_content(photo)
         if not content or kind_of_photo(photo, content) is not PhotoKind.PLAIN:
             return None  # of raw photos OpenCV would read the preview
         picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from geometry import MOST_PIXELS
 from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError
+from geometry.regular_files import read_content
 from locate.recording.formats import READ, TOO_LARGE, PhotoKind, kind_of_photo
 
 EXTRAS = {PhotoKind.HEIF: ("pi_heif", "heif"), PhotoKind.RAW: ("rawpy", "raw")}
@@ -61,7 +62,7 @@ def photo_size(path: Path, *, reduced: bool = False) -> tuple[int, int] | None:
         reduced: An eighth of them is enough, which is fast to decode.
     """
     try:
-        content = path.read_bytes()
+        content = read_content(path)
         kind = kind_of_photo(path, content)
         if kind is PhotoKind.PLAIN:
             mode = cv2.IMREAD_REDUCED_GRAYSCALE_8 if reduced else cv2.IMREAD_GRAYSCALE
@@ -79,7 +80,7 @@ def photo_size(path: Path, *, reduced: bool = False) -> tuple[int, int] | None:
 def heif_exif(path: Path) -> bytes:
     """The EXIF block of a HEIC photo; empty where it has none or cannot be read."""
     try:
-        content = path.read_bytes()
+        content = read_content(path)
         with _one_line(path, PhotoKind.HEIF):
             return bytes(_open_heif(content).info.get("exif") or b"")
     except (OSError, BadInputError):

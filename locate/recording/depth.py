@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from geometry.arrays import GreySamples
 from geometry.errors import BadInputError
 from geometry.stretch import MOST_BITS, DeepSamples, Stretch, deep_samples
+from locate.recording.container import open_container
 from locate.recording.formats import DEEP_SUFFIXES
 from locate.recording.images import read_samples
 from locate.recording.spacing import spread_rows
@@ -58,7 +59,7 @@ def _deep_photos(paths: Sequence[Path]) -> Iterator[DeepSamples]:
 
 
 def _deep_video_frames(path: Path) -> Iterator[NDArray[np.uint16]]:
-    with av.open(str(path.absolute())) as container:
+    with open_container(path) as container:
         picture_stream(container).thread_type = "AUTO"
         for frame in _spread_frames(container):
             if not _is_deep(frame):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pycolmap
 
+from geometry.regular_files import open_regular
 from locate.recording.decoders import heif_exif
 from locate.recording.formats import PhotoKind, kind_of_photo
 
@@ -71,7 +72,7 @@ def read_header(path: Path) -> bytes:
     Raises:
         OSError: The file cannot be read.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         header = file.read(HEADER_BYTES)
     is_heif = kind_of_photo(path, header) is PhotoKind.HEIF
     return heif_exif(path) + header if is_heif else header

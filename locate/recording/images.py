@@ -14,6 +14,7 @@ from geometry.arrays import FloatMap, GreyImage, GreySamples
 from geometry.atomic import atomic_path
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.regular_files import read_content
 from geometry.stretch import FINE, Samples, Stretch, as_samples, deep_samples, in_8_bits
 from locate.recording.decoders import decode_samples
 
@@ -148,7 +149,7 @@ def read_samples(path: Path) -> Samples:
         BadInputError: The file cannot be read.
     """
     try:
-        content = path.read_bytes()
+        content = read_content(path)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read ({error})") from error
     return as_samples(decode_samples(path, content))

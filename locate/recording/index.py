@@ -10,7 +10,7 @@ from pydantic import FiniteFloat, NonNegativeInt, PositiveInt, TypeAdapter, Vali
 
 from geometry.arrays import FloatArray, IntArray
 from geometry.errors import BadInputError, first_complaint
-from geometry.json_text import parse_json
+from geometry.text_files import read_json
 
 FRAMES_SCHEMA = "locate.frames/1"
 FULL_SIZE = "full"
@@ -118,8 +118,8 @@ class KeyFrames:
         Raises:
             BadInputError: The file is missing, not JSON, or of another schema.
         """
+        content = read_json(path)
         try:
-            content = parse_json(path.read_text())
             schema = content.pop("schema", None) if isinstance(content, dict) else None
             if schema != FRAMES_SCHEMA:
                 raise ValueError(f"its schema is {schema!r}, expected {FRAMES_SCHEMA!r}")

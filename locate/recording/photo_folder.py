@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.errors import BadInputError
+from geometry.regular_files import open_regular
 from locate.recording.decoders import missing_extra, photo_size
 from locate.recording.formats import (
     PHOTO_SUFFIXES,
@@ -77,7 +78,7 @@ def is_stack(path: Path) -> bool:
     """Whether a file is a TIFF of several pages, and no raw photo."""
     if path.suffix[:4].lower() != ".tif" or len(TiffPages.of(path)) < 2:
         return False
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return kind_of_photo(path, file.read(HEAD_BYTES)) is PhotoKind.PLAIN
 
 

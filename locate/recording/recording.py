@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.arrays import GreyImage, GreySamples
 from geometry.errors import BadInputError
-from geometry.image_files import refuse_streams
+from geometry.regular_files import refuse_streams
 from geometry.stretch import FINE, VALUES, Stretch, in_8_bits
 from locate.recording.depth import stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video

@@ -8,6 +8,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.regular_files import open_regular
+
 
 @dataclass(frozen=True, kw_only=True)
 class TiffPages:
@@ -33,7 +35,7 @@ class TiffPages:
         """Those of a file up to the first that is damaged or comes again; none where it is none."""
         ends: dict[int, int] = {}
         try:
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 head = file.read(16)
                 order = {b"II": "<", b"MM": ">"}[head[:2]]
                 (version,) = struct.unpack(order + "H", head[2:4])

@@ -16,6 +16,7 @@ from geometry import MOST_PIXELS
 from geometry.arrays import GreySamples, Picture
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
+from locate.recording.container import open_container
 from locate.recording.depth import grey_of_frame
 from locate.recording.display import PictureGeometry
 from locate.recording.fields import FILTER, merge_fields
@@ -59,7 +60,7 @@ def open_video(path: Path) -> "av.container.InputContainer":
         BadInputError: It cannot be read, or has none.
     """
     try:
-        container = av.open(str(path.absolute()))  # 12:30:05.mkv alone would be a protocol
+        container = open_container(path)
     except UNREADABLE as error:
         raise BadInputError(f"{path}: not a readable video ({_error_text(error)})") from error
     if not container.streams.video:

@@ -12,6 +12,7 @@ from geometry.arrays import FloatArray
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
+from geometry.text_files import read_text
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.recording import Progress, ignore_progress, simulate
 from locate.simulation.scene import (
@@ -180,8 +181,8 @@ def sun_at(hour: float) -> PlanarPoint:
 def is_campaign(path: Path) -> bool:
     """Whether a scene file describes a campaign."""
     try:
-        lines = path.read_text(errors="replace").splitlines()
-    except OSError:
+        lines = read_text(path).splitlines()
+    except BadInputError:
         return False
     return any(line.split("#")[0].strip() == "kind: campaign" for line in lines)
 

@@ -18,6 +18,7 @@ import cv2
 from detect.learning.clips import Leaks, TrainingClip, clip_path
 from detect.synthesis.raster import find_photos
 from geometry.errors import LocateError
+from geometry.regular_files import append_regular
 from locate.simulation.clips import draw_clip_scene, make_photo_clip
 from locate.simulation.nuisances import draw_nuisances
 from locate.simulation.photo_set import PhotoSet
@@ -81,7 +82,7 @@ def save_clip(clip: TrainingClip, folder: Path, seed: int, about: dict[str, obje
     folder.mkdir(parents=True, exist_ok=True)
     clip.save(clip_path(folder, seed))
     line = {"seed": seed, "amplitude_px": clip.amplitude_px, "frames": len(clip), **about}
-    with (folder / "lessons.jsonl").open("a") as journal:
+    with append_regular(folder / "lessons.jsonl") as journal:
         journal.write(json.dumps(line) + "\n")
 
 

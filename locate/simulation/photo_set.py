@@ -6,17 +6,18 @@ from typing import Self
 
 import cv2
 import numpy as np
-import pycolmap
 from scipy.spatial.transform import Rotation
 
 from geometry.arrays import FloatArray, GreyImage
 from geometry.camera import Camera
+from geometry.colmap_files import read_colmap_model
 from geometry.errors import BadInputError
 from geometry.image_files import read_image
 from geometry.named_paths import is_there
 from geometry.named_poses import resize_camera
 from geometry.pose_files import read_named_poses
 from geometry.similarity import Similarity
+from geometry.text_files import read_text
 from geometry.trajectory import Trajectory
 
 UNTURNED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
@@ -92,7 +93,7 @@ def _read_poses(folder: Path) -> PosedNames:
     """Names and poses of the photos, and (M, 3) sparse points where the source has any."""
     if model := _colmap_folder(folder):
         named = read_named_poses(model)
-        points = pycolmap.Reconstruction(model).points3D.values()
+        points = read_colmap_model(model).points3D.values()
         xyz = np.array([point.xyz for point in points]).reshape(-1, 3)
         return named.names, named.trajectory, xyz
     if any(folder.rglob("*.camera")):
@@ -147,8 +148,8 @@ def _read_strecha(folder: Path) -> PosedNames:
 def _camera_numbers(path: Path) -> FloatArray:
     """The 26 numbers of a .camera file: K, distortion, world_from_cam, centre, width, height."""
     try:
-        numbers = np.array(path.read_text().split(), dtype=float)
-    except (OSError, ValueError) as error:
+        numbers = np.array(read_text(path).split(), dtype=float)
+    except ValueError as error:
         raise BadInputError(f"{path}: not a readable .camera file ({error})") from error
     if len(numbers) != 26:
         raise BadInputError(f"{path}: not a .camera file (expected 26 numbers)")

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from geometry.camera import Camera
 from geometry.errors import BadInputError, first_complaint
 from geometry.refraction import MOLAR_MASS_KG
-from geometry.yaml_text import parse_yaml
+from geometry.text_files import read_yaml
 from locate.simulation.materials import MATERIALS
 
 Point = tuple[float, float, float]
@@ -36,12 +36,7 @@ class SceneFile(SceneBlock):
         Raises:
             BadInputError: The file cannot be read, is not YAML, or a field is wrong; named.
         """
-        try:
-            content: Any = parse_yaml(path.read_text())
-        except (OSError, UnicodeDecodeError) as error:
-            raise BadInputError(f"{path}: not a readable scene file ({error})") from error
-        except yaml.YAMLError as error:
-            raise BadInputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
+        content: Any = read_yaml(path)
         if not isinstance(content, dict):
             raise BadInputError(f"{path}: not a scene (expected a mapping with `objects`)")
         try:

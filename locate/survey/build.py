@@ -10,6 +10,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from geometry.lock import hold_lock
+from geometry.named_paths import resolve_path
 from geometry.threads import with_one_blas_thread
 from locate import __version__
 from locate.journal.progress import Report, silent
@@ -120,13 +121,13 @@ def _name_flights(given: Sequence[Path], before: Survey, output: Path) -> list[R
     known = {flight.source: flight for flight in before.flights}
     taken = {flight.name for flight in before.flights}
     found: list[RequestedFlight] = []
-    for path in dict.fromkeys(path.resolve() for path in given):
+    for path in dict.fromkeys(resolve_path(path) for path in given):
         if not path.exists():
             raise BadInputError(f"{path}: no such recording or run folder")
         flight = known.get(path)
         name = _free_name(path, taken) if flight is None else flight.name
         taken.add(name)
-        folder = path if RunFiles(path).config.is_file() else output.resolve() / FLIGHTS / name
+        folder = path if RunFiles(path).config.is_file() else resolve_path(output) / FLIGHTS / name
         found.append(RequestedFlight(name=name, source=path, folder=folder, known=flight))
     return found
 
@@ -202,7 +203,7 @@ def _measure_coverages(
     begun: Survey, output: Path, scheduler: str | None, report: Report
 ) -> tuple[list[FlightCoverage | None], tuple[str, ...]]:
     job = CoverageJob(
-        folder=output.resolve() / COVERAGES,
+        folder=resolve_path(output) / COVERAGES,
         frame=begun.frame,
         cell_m=begun.settings.cell_m,
         column=begun.column,

@@ -10,8 +10,8 @@ from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
-from geometry.json_text import parse_json
 from geometry.removal import is_plain_name
+from geometry.text_files import read_json
 from locate import __version__
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import DetectorName, RunConfig
@@ -201,10 +201,7 @@ class Survey(SurveyBlock):
         Raises:
             BadInputError: The file is missing, not JSON, or not a survey of this version.
         """
-        try:
-            content = parse_json(path.read_text())
-        except (OSError, ValueError) as error:
-            raise BadInputError(f"{path}: not a readable survey ({error})") from error
+        content = read_json(path)
         schema = content.pop("schema", None) if isinstance(content, dict) else None
         if schema != SCHEMA:
             raise BadInputError(

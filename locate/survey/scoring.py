@@ -11,7 +11,7 @@ from rich.table import Table
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
-from geometry.json_text import parse_json
+from geometry.text_files import read_json
 from geometry.trajectory import FARTHEST
 from locate.evaluation.plumes import pair_within_gate
 from locate.simulation.campaign import SCHEMA, Campaign
@@ -50,8 +50,8 @@ class CampaignTruth:
             BadInputError: One is missing or is not of a campaign.
         """
         path = folder / "truth.json"
+        content = read_json(path)
         try:
-            content = parse_json(path.read_text())
             if content["schema"] != SCHEMA:
                 raise ValueError(f"schema {content['schema']!r}, expected {SCHEMA!r}")
             return cls._from_content(content, Campaign.load(folder / "campaign.yaml"), frame)

@@ -9,6 +9,8 @@ from typing import Any
 
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
+from geometry.named_paths import resolve_path
+from geometry.regular_files import read_content
 from geometry.removal import path_inside
 from locate.pipeline.fingerprint import digest
 from locate.survey.engine import LOCAL, map_flights
@@ -77,7 +79,7 @@ def fetch_flights(given: Sequence[str], output: Path, scheduler: str | None = No
         BadInputError: One cannot be fetched.
     """
     far = [text for text in given if is_address(text)]
-    job = FetchJob(folder=output.resolve() / FETCHED)
+    job = FetchJob(folder=resolve_path(output) / FETCHED)
     found = dict(map_flights(job, far, scheduler))
     return [found[text] if text in found else local_path(text) for text in given]
 
@@ -132,7 +134,7 @@ def push_folder(folder: Path, files: Any, root: str) -> None:
     files_here = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
     here = {str(path.relative_to(folder)): path for path in files_here}
     for name, path in here.items():
-        content = path.read_bytes()
+        content = read_content(path)
         if name not in known or there[known[name]]["size"] != len(content) or _is_state(path):
             files.makedirs(str(PurePosixPath(root, name).parent), exist_ok=True)
             files.pipe_file(str(PurePosixPath(root, name)), content)

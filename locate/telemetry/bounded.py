@@ -6,6 +6,8 @@ from io import StringIO
 from pathlib import Path
 
 from geometry.errors import BadInputError, LocateError
+from geometry.regular_files import open_regular
+from geometry.text_files import decode_text
 
 MAX_TEXT_BYTES = 64 * 2**20
 MAX_TEXT_LINES = 2_000_000
@@ -20,7 +22,7 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
         BadInputError: The file cannot be read, or is longer than `limit` bytes or 2,000,000 lines.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(limit + 1)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
@@ -32,8 +34,7 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
         raise BadInputError(
             f"{path}: telemetry of over {MAX_TEXT_LINES} lines is not read; cut out this flight"
         )
-    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
-    return content.decode("utf-16" if wide else "utf-8-sig", errors="replace")
+    return decode_text(content, errors="replace")
 
 
 def check_size(path: Path, limit: int = MAX_LOG_BYTES) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.regular_files import open_regular
 from locate.recording.decoders import heif_exif
 from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.recording.photo_folder import list_photos
@@ -129,7 +130,7 @@ def _read_photo_or_empty(photo: Path, refused: list[RefusedText]) -> Record:
 
 
 def _read_photo(photo: Path, refused: list[RefusedText]) -> Record:
-    with report_as_bad_input(photo, KIND), photo.open("rb") as file:
+    with report_as_bad_input(photo, KIND), open_regular(photo) as file:
         header = file.read(XMP_BYTES)
         file.seek(0)
         is_heif = kind_of_photo(photo, header) is PhotoKind.HEIF

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from geometry.errors import BadInputError
+from geometry.regular_files import open_regular
 from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.telemetry import (
     ardupilot,
@@ -104,7 +105,7 @@ def telemetry_candidates(recording: Path) -> tuple[Path, ...]:
 
 def _read_head(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return file.read(HEAD_BYTES)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error

@@ -7,6 +7,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.regular_files import open_regular
 from locate.telemetry.bounded import check_size, report_as_bad_input, suppress_output
 from locate.telemetry.streams import (
     YAW_FROM_NORTH,
@@ -43,7 +44,11 @@ def read_ulog(path: Path) -> TelemetryTrack:
     """
     check_size(path)
     wanted = [_FUSED, *_RECEIVER, _ATTITUDE, _GIMBAL]
-    with report_as_bad_input(path, KIND, extra="px4"), suppress_output(), path.open("rb") as file:
+    with (
+        report_as_bad_input(path, KIND, extra="px4"),
+        suppress_output(),
+        open_regular(path) as file,
+    ):
         log = _parse_bounded(_RepeatLimitedFile(file, path), path, wanted)
         topics = {data.name: data.data for data in reversed(log.data_list)}
         receiver = next((topics[name] for name in _RECEIVER if name in topics), None)

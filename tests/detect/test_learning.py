@@ -446,7 +446,7 @@ def test_missing_samples_are_rendered_once(tmp_path: Path) -> None:
     (tmp_path / "recipe.yaml").write_text("families: {photo: 1}\nphotos: mine\n")
     assert Recipe.load(tmp_path / "recipe.yaml", Path("data")).photos == Path("data/mine")
     (tmp_path / "recipe.yaml").write_text("families: [\n")
-    with pytest.raises(BadInputError, match=r"recipe\.yaml: not a readable recipe"):
+    with pytest.raises(BadInputError, match=r"recipe\.yaml: not YAML"):
         Recipe.load(tmp_path / "recipe.yaml", tmp_path)
 
 

@@ -1,5 +1,6 @@
 """Whatever a bag holds: it is read, or refused in one clear line."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,11 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores
 
+from geometry.errors import BadInputError
 from locate.messages.bags import TopicChoice
 from locate.messages.image_stream import ImageStream
 from locate.recording.bag import BagRecording
-from tests.fuzz.bounds import read_bounded
+from tests.fuzz.bounds import impatient, read_bounded
 from tests.fuzz.damage import Cut, cuts, damaged, fuzzed
 from tests.fuzz.readers import CAMERA, check_camera, check_poses, texture
 from tests.robot.test_bag_playing import MessageRecorder
@@ -87,6 +89,16 @@ def test_damaged_bag(tmp_path: Path, name: str, found: list[Cut]) -> None:
     path = tmp_path / f"damaged{Path(name).suffix}"
     path.write_bytes(damaged(whole.read_bytes(), found))
     read_bounded(read, path)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    bag = write(tmp_path, name)
+    bag.unlink()
+    os.mkfifo(bag)
+    for path in {bag, bag.parent if bag.parent != tmp_path else bag}:
+        with impatient(), pytest.raises(BadInputError, match="a pipe or a device"):
+            read(path)
 
 
 @pytest.mark.parametrize("name", KINDS)

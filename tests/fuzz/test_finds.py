@@ -1,10 +1,12 @@
 """What fuzzing found, each as a small test of its kind."""
 
 import json
+import os
 import struct
 import subprocess
 import sys
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -35,10 +37,12 @@ from locate.recording.decoders import photo_size
 from locate.recording.images import read_grey
 from locate.recording.index import KeyFrames
 from locate.recording.recording import open_recording
+from locate.recording.writer import open_video
 from locate.simulation.photo_set import PhotoSet
 from locate.survey.flights import read_config
-from tests.fuzz.bounds import read_bounded
-from tests.fuzz.readers import READERS
+from locate.telemetry import read_telemetry
+from tests.fuzz.bounds import impatient, read_bounded
+from tests.fuzz.readers import READERS, texture
 from tests.locate.answers import orbit
 from tests.locate.survey_runs import FIELD, Flown, answer
 
@@ -313,3 +317,34 @@ def test_settings_that_no_camera_has_are_refused(number: float) -> None:
     for name in ("focal_px", "camera_height_m"):
         with pytest.raises(ValidationError):
             RunConfig.model_validate({"recording": "a.mp4", name: number})
+
+
+LISTS = {
+    "ffconcat": "ffconcat version 1.0\nfile secret.mp4\n",
+    "HLS": "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nsecret.mp4\n#EXT-X-ENDLIST\n",
+    "SDP": "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=a\nc=IN IP4 127.0.0.1\nt=0 0\n"
+    "m=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
+}
+
+
+@pytest.mark.parametrize("name", LISTS)
+@pytest.mark.parametrize("suffix", [".mp4", ".m3u8", ".ffconcat", ".sdp"])
+@pytest.mark.parametrize("read", [open_recording, read_telemetry])
+def test_a_video_names_no_other_files(
+    tmp_path: Path, read: Callable[[Path], object], suffix: str, name: str
+) -> None:
+    os.mkfifo(tmp_path / "secret.mp4")
+    listing = tmp_path / f"a{suffix}"
+    listing.write_text(LISTS[name])
+    with impatient(), pytest.raises(BadInputError, match=f"a{suffix}: "):
+        read(listing)
+
+
+@pytest.mark.parametrize("name", ["v.avi", "v.mkv", "v.mov", "v.mpg", "v.ts", "v.webm", "v.wmv"])
+def test_usual_videos_are_read(tmp_path: Path, name: str) -> None:
+    codecs = {".webm": "libvpx-vp9", ".wmv": "wmv2", ".mpg": "mpeg2video"}
+    codec = codecs.get(Path(name).suffix, "libx264")
+    with open_video(tmp_path / name, size=(64, 48), fps=25, codec=codec) as video:
+        for seed in range(3):
+            video.write(texture(seed))
+    assert open_recording(tmp_path / name).width == 64

@@ -5,6 +5,7 @@
 
 import io
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,18 @@ import yaml
 from hypothesis import given
 
 from geometry.npz import save_arrays
-from tests.fuzz.bounds import read_bounded
+from tests.fuzz.bounds import impatient, read_bounded
 from tests.fuzz.damage import Bend, Cut, Twist, bends, bent, cuts, damaged, fuzzed, twisted, twists
 from tests.fuzz.readers import READERS, Reader
 
 DOCUMENTS = [name for name, reader in READERS.items() if reader.structure in ("json", "yaml")]
+FILES = [name for name in READERS if name != "metadata of a network"]
+"""Of that name is no file of its own."""
+TEXTS = [
+    name
+    for name in FILES
+    if READERS[name].structure in ("json", "yaml") or "txt" in READERS[name].file
+]
 ARCHIVES = [name for name, reader in READERS.items() if reader.structure == "npz"]
 
 
@@ -39,6 +47,23 @@ def test_damaged_bytes(place: tuple[Reader, Path, bytes], found: list[Cut]) -> N
     reader, path, whole = place
     path.write_bytes(damaged(whole, found))
     read_bounded(reader.read, path)
+
+
+@pytest.mark.parametrize("place", FILES, indirect=True)
+def test_a_pipe_is_not_waited_for(place: tuple[Reader, Path, bytes]) -> None:
+    reader, path, _ = place
+    path.unlink()
+    os.mkfifo(path)
+    with impatient():
+        read_bounded(reader.read, path)
+
+
+@pytest.mark.parametrize("place", TEXTS, indirect=True)
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_marks_before_a_text_are_read(place: tuple[Reader, Path, bytes], encoding: str) -> None:
+    reader, path, whole = place
+    path.write_bytes(whole.decode().encode(encoding))
+    reader.read(path)
 
 
 @pytest.mark.parametrize("place", DOCUMENTS, indirect=True)

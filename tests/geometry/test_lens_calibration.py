@@ -124,7 +124,10 @@ def test_the_corners_of_a_charuco_board_are_found() -> None:
     np.testing.assert_allclose(seen - seen[0], 100 * (places - places[0]), atol=0.5)
 
 
-@pytest.mark.parametrize("text", ["", "9", "9x2", "charuco:9x6", "charuco:NONE:7x5", "0x0"])
+@pytest.mark.parametrize(
+    "text",
+    ["", "9", "9x2", "charuco:9x6", "charuco:NONE:7x5", "0x0", "charuco:4X4_50:99x99"],
+)
 def test_what_describes_no_board_is_refused(text: str) -> None:
     with pytest.raises(BadInputError, match="--board"):
         CalibrationBoard.parse(text)

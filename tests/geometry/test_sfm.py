@@ -396,6 +396,16 @@ def bent(models: list[pycolmap.Reconstruction], turn_deg: float) -> list[pycolma
     return models
 
 
+def test_a_model_that_kept_no_point_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    empty = {0: pycolmap.Reconstruction()}
+    monkeypatch.setattr(pycolmap, "incremental_mapping", lambda *_, **__: empty)
+    database = tmp_path / "database.db"
+    found = mapping.map_incrementally(database, tmp_path, tmp_path / "out", refine_camera=True)
+    assert found == []
+
+
 def test_wrong_global_poses_are_caught(
     tmp_path: Path, room_images: list[np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -153,3 +153,21 @@ def test_a_pipe_or_a_device_is_refused_and_not_waited_for(
     assert isinstance(said.exception, BadInputError)
     assert f"{pipe}: a pipe or a device" in str(said.exception)
     assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("detect PLACE -o o --every 9999999999999999999999", "--every: 9999999999999999999999 is"),
+        ("detect PLACE -o o --threshold nan", "--threshold nan: give a finite number"),
+        ("run PLACE -o o --telemetry-offset inf", "--telemetry-offset inf: give a finite number"),
+        ("survey PLACE -o o --wander inf", "--wander inf: give a finite number"),
+        ("robot bag PLACE -o o --neighbours 9999999999999999999999", "--neighbours: 99"),
+    ],
+)
+def test_numbers_that_nothing_can_use_are_refused(
+    tmp_path: Path, arguments: str, says: str
+) -> None:
+    said = CliRunner().invoke(app, arguments.replace("PLACE", str(tmp_path)).split())
+    assert isinstance(said.exception, BadInputError)
+    assert says in str(said.exception)

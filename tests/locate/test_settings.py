@@ -116,7 +116,7 @@ def test_without_a_recording_it_says_what_to_give(started: list[RunConfig]) -> N
         ("seed: -1", r"setting seed: Input should be greater than or equal to 0"),
         ("schema: locate.run/9", r"written as locate\.run/9, this program reads locate\.run/1"),
         ("- max_frames", r"no settings; write lines such as `max_frames: 60`"),
-        ("a: [", r"not a readable run configuration"),
+        ("a: [", r"not YAML \("),
     ],
 )
 def test_settings_that_cannot_be_used_are_one_line(tmp_path: Path, text: str, says: str) -> None:

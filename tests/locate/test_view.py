@@ -305,6 +305,6 @@ def test_other_names_and_folders_are_refused(tmp_path: Path) -> None:
     root = finished_run(tmp_path / "run", plume_map())
     with pytest.raises(BadInputError, match=r"end in \.rrd"):
         write_view(root, tmp_path / "run.txt")
-    with pytest.raises(BadInputError, match=r"map\.json: not a readable map"):
+    with pytest.raises(BadInputError, match=r"map\.json: cannot be read"):
         write_view(tmp_path, tmp_path / "run.rrd")
     assert not (tmp_path / "run.rrd").exists()

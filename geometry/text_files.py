@@ -1,0 +1,81 @@
+"""Text files that may be hostile, read in one way whoever wrote them: plain text, JSON and YAML."""
+
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import BadInputError
+from geometry.json_text import parse_json
+from geometry.regular_files import open_regular
+from geometry.yaml_text import parse_yaml
+
+MOST_TEXT_BYTES = 64 * 2**20
+"""Poses of some hundred thousand frames; chosen."""
+WIDE = (BOM_UTF16_LE, BOM_UTF16_BE)
+"""How texts in UTF-16 begin."""
+
+
+def decode_text(content: bytes, errors: str = "strict") -> str:
+    """A text in UTF-8, or in UTF-16 where it begins with its mark; the mark is no part of it.
+
+    Args:
+        content: The bytes.
+        errors: What becomes of bytes that are neither, as of `bytes.decode`.
+
+    Raises:
+        UnicodeDecodeError: There are such bytes, and `errors` is "strict".
+    """
+    return content.decode("utf-16" if content.startswith(WIDE) else "utf-8-sig", errors)
+
+
+def has_mark(path: Path) -> bool:
+    """Whether a text file begins with the mark of its encoding.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    with open_regular(path) as file:
+        return file.read(len(BOM_UTF8)).startswith((BOM_UTF8, *WIDE))
+
+
+def read_text(path: Path) -> str:
+    """The text of a file in UTF-8 or UTF-16.
+
+    Raises:
+        BadInputError: It cannot be read, is longer than 64 MiB, or no text.
+    """
+    try:
+        with open_regular(path) as file:
+            content = file.read(MOST_TEXT_BYTES + 1)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+    if len(content) > MOST_TEXT_BYTES:
+        raise BadInputError(f"{path}: a text over {MOST_TEXT_BYTES // 2**20} MiB is not read")
+    try:
+        return decode_text(content)
+    except UnicodeDecodeError as error:
+        raise BadInputError(f"{path}: no text in UTF-8 or UTF-16; save it as UTF-8") from error
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file says.
+
+    Raises:
+        BadInputError: It cannot be read, or is no JSON that `parse_json` takes.
+    """
+    try:
+        return parse_json(read_text(path))
+    except ValueError as error:
+        raise BadInputError(f"{path}: {error}") from error
+
+
+def read_yaml(path: Path) -> Any:
+    """What a YAML file says.
+
+    Raises:
+        BadInputError: It cannot be read, or is no YAML that `parse_yaml` takes.
+    """
+    try:
+        return parse_yaml(read_text(path))
+    except ValueError as error:
+        raise BadInputError(f"{path}: {error}") from error
