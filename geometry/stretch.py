@@ -36,7 +36,8 @@ def as_samples(values: NDArray[Any]) -> Samples:
     """The values of an image: 8 and 16 bits as they are, all others as real numbers."""
     if values.dtype in (np.uint8, np.uint16):
         return values
-    return values.astype(np.float32)
+    with np.errstate(over="ignore"):  # what single precision cannot hold is as good as missing
+        return values.astype(np.float32)
 
 
 def deep_samples(samples: Samples) -> DeepSamples | None:

@@ -19,7 +19,9 @@ import numpy as np
 from scipy import ndimage
 
 from benchmarks.scenes.coding import run_folder
-from detect.registry import make_detector
+from detect.fused import SEPARATOR
+from detect.kinds import DYBS, REGISTERED
+from detect.registry import KINDS, make_detector
 from geometry.arrays import FloatMap, GreyImage
 from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate_map
@@ -34,6 +36,7 @@ from locate.pipeline.poses import frames_with_poses
 from locate.recording import KeyFrames
 from locate.recording.posed_frames import PosedFrames
 
+DETECTORS = (*KINDS, REGISTERED.name + SEPARATOR + DYBS.name)
 INSIDE_SHARE = 0.3
 
 
@@ -98,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1001, 1002, 1003, 1004])
     parser.add_argument("--shares", type=float, nargs="+", default=[0.5, 1.0, 2.0])
     parser.add_argument("--work", type=Path, default=Path("work/orbit"))
-    parser.add_argument("--detector", default="registered")
+    parser.add_argument("--detector", choices=DETECTORS, default=REGISTERED.name)
 
 
 def main(options: argparse.Namespace) -> None:

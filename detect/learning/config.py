@@ -4,19 +4,26 @@ import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError, model_validator
+from pydantic import ConfigDict, Field, NonNegativeInt, ValidationError, model_validator
 
 from detect.learning.clips import Leaks
 from geometry.errors import BadInputError, first_complaint
+from geometry.plain_settings import PlainSettings
 from geometry.text_files import read_yaml
 
-Range = tuple[float, float]
+Weight = Annotated[float, Field(ge=0, le=1e6)]
+LearningRate = Annotated[float, Field(ge=0, le=10)]
+Gain = Annotated[float, Field(gt=0, le=100)]
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+Steps = Annotated[int, Field(ge=1, le=10**9)]
+MOST_SEEDS = 10**6
+"""Of a pool; a clip takes some 20 s of CPU. All limits are chosen, far from what is of use."""
 
 
-class _TrainingSettings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+class _TrainingSettings(PlainSettings):
+    model_config = ConfigDict(allow_inf_nan=False)
 
 
 class NetworkConfig(_TrainingSettings):
@@ -30,8 +37,8 @@ class NetworkConfig(_TrainingSettings):
     """
 
     kind: Literal["plume", "paper"] = "plume"
-    channels: int = Field(default=1, ge=1)
-    width: int = Field(default=16, ge=1)
+    channels: int = Field(default=1, ge=1, le=256)
+    width: int = Field(default=16, ge=1, le=512)
     normalise: bool = True
 
 
@@ -56,8 +63,8 @@ class PoolConfig(_TrainingSettings):
     folder: Path
     recipe: Path | None = None
     measured: Path | None = None
-    samples: int | None = Field(default=None, ge=1)
-    seeds: tuple[tuple[int, int], ...] | None = Field(default=None, min_length=1)
+    samples: int | None = Field(default=None, ge=1, le=10**8)
+    seeds: tuple[tuple[Seed, Seed], ...] | None = Field(default=None, min_length=1)
     photos: Path | None = None
     leaks: Leaks = "nozzle"
     rough: bool = False
@@ -70,6 +77,8 @@ class PoolConfig(_TrainingSettings):
             raise ValueError("rough clips are made of photos; name their folder")
         if self.coded and self.photo_set is not None:
             raise ValueError("coded clips are of plants or single photos, not of photo sets")
+        if sum(end - first for first, end in self.seeds or ()) > MOST_SEEDS:
+            raise ValueError(f"seeds: over {MOST_SEEDS} clips")
         return self
 
     def all_seeds(self) -> list[int]:
@@ -87,10 +96,10 @@ class LossConfig(_TrainingSettings):
         likelihood: Of the displacement's beta-NLL, which teaches the log-variance.
     """
 
-    charbonnier: float = Field(default=1, ge=0)
-    squared: float = Field(default=0, ge=0)
-    mask: float = Field(default=1, ge=0)
-    likelihood: float = Field(default=0, ge=0)
+    charbonnier: Weight = 1
+    squared: Weight = 0
+    mask: Weight = 1
+    likelihood: Weight = 0
 
 
 class AugmentationConfig(_TrainingSettings):
@@ -110,7 +119,7 @@ class AugmentationConfig(_TrainingSettings):
     tensors: tuple[tuple[NonNegativeInt, NonNegativeInt, NonNegativeInt], ...] = ()
     negate: bool = False
     invert: tuple[str, ...] = ()
-    gain: Range = (1.0, 1.0)
+    gain: tuple[Gain, Gain] = (1.0, 1.0)
 
     @property
     def last_plane(self) -> int:
@@ -139,11 +148,11 @@ class TrainingStage(_TrainingSettings):
     """
 
     name: str
-    pools: dict[str, float]
-    families: dict[str, float] | None = None
-    steps: int = Field(ge=1)
-    learning_rate: Range
-    cosine_steps: int | None = Field(default=None, ge=1)
+    pools: dict[str, Weight]
+    families: dict[str, Weight] | None = None
+    steps: Steps
+    learning_rate: tuple[LearningRate, LearningRate]
+    cosine_steps: Steps | None = None
     losses: LossConfig = LossConfig()
     least_px: float = Field(default=0, ge=0)
     augmentation: AugmentationConfig | None = None
@@ -181,21 +190,21 @@ class TrainConfig(_TrainingSettings):
     network: NetworkConfig = NetworkConfig()
     pools: dict[str, PoolConfig]
     validation: str
-    runs: int = Field(default=32, ge=1)
+    runs: int = Field(default=32, ge=1, le=10**6)
     stages: tuple[TrainingStage, ...] = Field(min_length=1)
-    batch: int = Field(default=8, ge=1)
-    crop_px: int | None = Field(default=None, ge=16, multiple_of=16)
+    batch: int = Field(default=8, ge=1, le=4096)
+    crop_px: int | None = Field(default=None, ge=16, le=4096, multiple_of=16)
     optimiser: Literal["adam", "adamw"] = "adamw"
-    weight_decay: float = Field(default=0.01, ge=0)
+    weight_decay: float = Field(default=0.01, ge=0, le=1)
     positive_px: float = Field(default=0.06, gt=0)
     negative_px: float = Field(default=0.02, ge=0)
     augmentation: AugmentationConfig = AugmentationConfig()
     mixed_precision: bool = True
-    seed: int = Field(default=0, ge=0)
-    log_every: int = Field(default=100, ge=1)
-    checkpoint_every: int = Field(default=1000, ge=1)
-    validate_every: int = Field(default=2000, ge=1)
-    validation_samples: int = Field(default=512, ge=1)
+    seed: Seed = 0
+    log_every: Steps = 100
+    checkpoint_every: Steps = 1000
+    validate_every: Steps = 2000
+    validation_samples: int = Field(default=512, ge=1, le=10**8)
     initial: Path | None = None
     trained_on: str = ""
 
@@ -209,8 +218,8 @@ class TrainConfig(_TrainingSettings):
                 raise ValueError(f"pools: {name}: seeds are ranges (first, after last)")
         for stage in self.stages:
             for weights in (stage.pools, stage.families or {"": 1.0}):
-                if min(weights.values(), default=0) < 0 or sum(weights.values()) <= 0:
-                    raise ValueError(f"stage {stage.name}: weights must be 0 or more, one above 0")
+                if not any(weights.values()):
+                    raise ValueError(f"stage {stage.name}: one of the weights must be above 0")
             losses = stage.losses
             if self.network.kind == "paper" and (losses.mask or losses.likelihood):
                 raise ValueError(f"stage {stage.name}: the paper's network has displacement alone")

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from detect.learning.checkpoint import read_journal
-from geometry.errors import BadInputError
 from geometry.image_files import write_image
 
 WIDTH, HEIGHT, MARGIN, LEGEND = 900, 320, 60, 150
@@ -28,10 +27,7 @@ def plot_training(folder: Path, path: Path) -> Path:
     Raises:
         BadInputError: There is no journal yet, or PATH is not writable.
     """
-    try:
-        lines = read_journal(folder)
-    except OSError as error:
-        raise BadInputError(f"{folder}: no journal of a training ({error})") from error
+    lines = read_journal(folder)
     losses = [line for line in lines if line["kind"] == "train"]
     checks = [line for line in lines if line["kind"] == "validation"]
     end = max((line["step"] for line in lines), default=1)

@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,23 @@ def train_network(
     return folder / LAST
 
 
+@contextmanager
+def _naming_lack_of_memory(folder: Path) -> Iterator[None]:
+    """Torch says by a RuntimeError that memory is short.
+
+    Raises:
+        BadInputError: It does.
+    """
+    try:
+        yield
+    except (MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "memory" not in str(error):
+            raise
+        raise BadInputError(
+            f"{folder}: too little memory; lower batch, crop_px or the network's width"
+        ) from error
+
+
 @dataclass(kw_only=True)
 class TrainingRun:
     """A network on its way.
@@ -94,8 +112,9 @@ class TrainingRun:
         """
         torch.manual_seed(config.seed)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        network = build_network(config.network).to(device)
-        convert_conv2d_weight_memory_format(network, torch.channels_last)
+        with _naming_lack_of_memory(folder):
+            network = build_network(config.network).to(device)
+            convert_conv2d_weight_memory_format(network, torch.channels_last)
         if config.initial is not None:
             load_weights(network, initial or _read_initial(config.initial), config.initial)
         training = cls(
@@ -122,11 +141,12 @@ class TrainingRun:
             if self.step < first + stage.steps:
                 pools = self._load_pools(stage, pools)
                 batches = StageBatches(self.config, stage, pools)
-                if self.step == 0 and _is_exported(self.config.initial):
-                    images = [batches[step].image for step in range(NORM_BATCHES)]
-                    begun = torch.from_numpy(np.concatenate(images)).to(self.device)
-                    revive_norms(self.network, begun)
-                self._run_stage(first, stage, batches, pools[self.config.validation], report)
+                with _naming_lack_of_memory(self.folder):
+                    if self.step == 0 and _is_exported(self.config.initial):
+                        images = [batches[step].image for step in range(NORM_BATCHES)]
+                        begun = torch.from_numpy(np.concatenate(images)).to(self.device)
+                        revive_norms(self.network, begun)
+                    self._run_stage(first, stage, batches, pools[self.config.validation], report)
 
     def _run_stage(
         self,

@@ -1,13 +1,14 @@
 """What a set of synthetic samples is made of."""
 
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from detect.synthesis.patterns import PatternRanges
 from detect.synthesis.split import Split
 from geometry.errors import BadInputError, first_complaint
+from geometry.plain_settings import PlainSettings
 from geometry.text_files import read_yaml
 
 Family = Literal["sinusoid", "checkerboard", "lines", "perlin", "squares", "scene", "photo"]
@@ -15,10 +16,19 @@ FAMILIES: tuple[Family, ...] = get_args(Family)
 SampleFamily = Literal[Family, "recorded"]
 SAMPLE_FAMILIES: tuple[SampleFamily, ...] = get_args(SampleFamily)
 """What can be drawn, and what a camera recorded; the numbers in a shard count through these."""
-Range = tuple[float, float]
+Pixels = Annotated[float, Field(gt=0, le=1000)]
+Drift = Annotated[float, Field(ge=0, le=1000)]
+Length = Annotated[float, Field(gt=0, le=16)]
+GreyLevels = Annotated[float, Field(gt=0, le=255)]
+Exponent = Annotated[float, Field(gt=0, le=10)]
+Quality = Annotated[int, Field(ge=1, le=100)]
+Period = Annotated[float, Field(ge=2.5, le=1e4)]
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+Weight = Annotated[float, Field(ge=0, le=1e6)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class Recipe(BaseModel):
+class Recipe(PlainSettings):
     """The mixture, and the ranges that everything is drawn from; ranges are least and most.
 
     Attributes:
@@ -48,29 +58,29 @@ class Recipe(BaseModel):
         light_fall: How much the light may fall off over the frame.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     seed: int = Field(default=0, ge=0)
     split: Split = "train"
     size_px: int = Field(default=128, ge=32, le=1024)
-    families: dict[Family, float]
+    families: dict[Family, Weight]
     photos: Path | None = None
     flows: Path | None = None
-    turbulence_share: float = Field(default=0.2, ge=0, le=1)
-    negatives: float = Field(default=0.35, ge=0, le=1)
-    negatives_of: dict[Family, float] = Field(default_factory=dict)
-    peak_px: Range = (0.08, 1.1)
-    plume_length: Range = (1.0, 4.0)
-    visible_px: float = Field(default=0.05, gt=0)
-    drift_px: Range = (0.0, 1.5)
+    turbulence_share: Share = 0.2
+    negatives: Share = 0.35
+    negatives_of: dict[Family, Share] = Field(default_factory=dict)
+    peak_px: tuple[Pixels, Pixels] = (0.08, 1.1)
+    plume_length: tuple[Length, Length] = (1.0, 4.0)
+    visible_px: Pixels = 0.05
+    drift_px: tuple[Drift, Drift] = (0.0, 1.5)
     exposures: int = Field(default=3, ge=1, le=9)
-    noise: Range = (0.3, 3.0)
-    psf_sigma_px: Range = (0.35, 0.6)
-    gamma: Range = (0.7, 1.4)
-    jpeg_share: float = Field(default=0.2, ge=0, le=1)
-    jpeg_quality: tuple[int, int] = (60, 98)
-    period_px: Range = (4.0, 24.0)
-    angle_deg: Range = (0.0, 180.0)
+    noise: tuple[GreyLevels, GreyLevels] = (0.3, 3.0)
+    psf_sigma_px: tuple[Pixels, Pixels] = (0.35, 0.6)
+    gamma: tuple[Exponent, Exponent] = (0.7, 1.4)
+    jpeg_share: Share = 0.2
+    jpeg_quality: tuple[Quality, Quality] = (60, 98)
+    period_px: tuple[Period, Period] = (4.0, 24.0)
+    angle_deg: tuple[Degrees, Degrees] = (0.0, 180.0)
     carriers: int = Field(default=2, ge=1, le=2)
     tilt: float = Field(default=0.2, ge=0, le=0.5)
     light_fall: float = Field(default=0.3, ge=0, le=0.8)
@@ -80,20 +90,10 @@ class Recipe(BaseModel):
         for name, value in self:
             if isinstance(value, tuple) and value[0] > value[1]:
                 raise ValueError(f"{name}: {value[0]} is more than {value[1]}")
-        for name in ("peak_px", "plume_length", "noise", "psf_sigma_px", "gamma", "jpeg_quality"):
-            if getattr(self, name)[0] <= 0:
-                raise ValueError(f"{name}: must be above 0")
-        if self.period_px[0] < 2.5 or self.jpeg_quality[1] > 100 or self.drift_px[0] < 0:
-            raise ValueError(
-                "period_px starts at 2.5, jpeg_quality ends at 100, drift_px is from 0"
-            )
         if self.peak_px[0] <= self.visible_px:
             raise ValueError("peak_px must start above visible_px, or plumes would have no mask")
-        weights = list(self.families.values())
-        if min(weights, default=0) < 0 or sum(weights) <= 0:
-            raise ValueError("families: weights must be 0 or more, and one above 0")
-        if any(not 0 <= share <= 1 for share in self.negatives_of.values()):
-            raise ValueError("negatives_of: shares lie between 0 and 1")
+        if not any(self.families.values()):
+            raise ValueError("families: one of the weights must be above 0")
         if self.families.get("photo", 0) > 0 and self.photos is None:
             raise ValueError("families: photo needs a folder, `photos: FOLDER`")
         return self

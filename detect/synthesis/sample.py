@@ -24,7 +24,7 @@ from detect.synthesis.raster import (
     draw_squares,
     find_photos,
 )
-from detect.synthesis.recipe import Family, Range, Recipe, SampleFamily
+from detect.synthesis.recipe import Family, Recipe, SampleFamily
 from detect.synthesis.scenes import man_made_scene
 from geometry.arrays import BoolArray, FloatMap, GreyImage
 
@@ -192,6 +192,6 @@ def _draw_optics(rng: np.random.Generator, recipe: Recipe) -> CameraOptics:
     )
 
 
-def log_uniform(rng: np.random.Generator, ends: Range) -> float:
+def log_uniform(rng: np.random.Generator, ends: tuple[float, float]) -> float:
     """A number whose logarithm is evenly spread between those of the ends."""
     return float(np.exp(rng.uniform(*np.log(ends))))

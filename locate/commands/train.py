@@ -32,7 +32,9 @@ def train(
         Path | None,
         typer.Option(help="Where its folders of samples are; beside the config if left out."),
     ] = None,
-    processes: Annotated[int, typer.Option(help="For rendering samples that are missing.")] = 1,
+    processes: Annotated[
+        int, typer.Option(help="For rendering samples that are missing.", min=1, max=1024)
+    ] = 1,
 ) -> None:
     """Train a network; the same command goes on where a killed one stood."""
     from detect.learning.config import TrainConfig

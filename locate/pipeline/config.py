@@ -6,9 +6,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from geometry.errors import BadInputError, first_complaint
+from geometry.plain_settings import PlainSettings
 from geometry.printable import printable
 from geometry.text_files import read_yaml
 from locate.pipeline.effort import EFFORTS, Amounts, Effort
@@ -20,7 +21,7 @@ Lens = Literal["auto", "pinhole", "radial", "fisheye"]
 DetectorName = Literal["auto", "registered", "registered-plain", "bos", "dybs"]
 
 
-class RunConfig(BaseModel):
+class RunConfig(PlainSettings):
     """The settings of a run, kept beside its results in config.yaml.
 
     Attributes:
@@ -62,8 +63,6 @@ class RunConfig(BaseModel):
         >>> config.detector
         'auto'
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     recording: Path
     detector: DetectorName = "auto"
@@ -119,7 +118,8 @@ class RunConfig(BaseModel):
             return cls.model_validate(dict(settings))
         except ValidationError as error:
             name, what = first_complaint(error)
-            raise BadInputError(f"{where}setting {name}: {what}") from error
+            said = f"setting {name}: {what}" if name else what
+            raise BadInputError(f"{where}{said}") from error
 
     def to_plain(self) -> dict[str, Any]:
         """The settings as JSON and YAML know them."""

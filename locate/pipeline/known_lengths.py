@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
@@ -15,6 +15,7 @@ from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import ScaleConstraint
 from geometry.georeference.board import find_board, marker_board, scale_from_board
 from geometry.georeference.lengths import point_from_pixels, scale_from_distance
+from geometry.plain_settings import PlainSettings
 from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.recording.images import FrameImages
@@ -26,7 +27,7 @@ Clicks = Annotated[dict[str, Pixel], Field(min_length=2)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class KnownDistance(BaseModel):
+class KnownDistance(PlainSettings):
     """The distance of two points, each clicked in at least two frames.
 
     Attributes:
@@ -36,8 +37,6 @@ class KnownDistance(BaseModel):
         points: By the name of each of the two: pixel (x, y) by the file name of the frame in the
             run's ``frames/``.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     distance_m: Positive
     sigma_m: Positive = 0.01

@@ -52,7 +52,7 @@ class BagRecording:
         return Recording(
             path=self.path,
             photos=(),
-            sizes=FrameSizes.of_image(first, max_side, full_side),
+            sizes=FrameSizes.of_image(self.path, first, max_side, full_side),
             focal=None,
             stretch=stretch,
             warnings=warnings,

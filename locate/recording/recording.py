@@ -241,7 +241,7 @@ def open_recording(
     return Recording(
         path=path,
         photos=photos,
-        sizes=FrameSizes.of_image(first, max_side, full_side),
+        sizes=FrameSizes.of_image(path, first, max_side, full_side),
         focal=focal,
         expected_frames=expected_frames,
         stretch=stretch,
@@ -260,7 +260,7 @@ def _open_stack(path: Path, max_side: int, full_side: int | None, warnings: list
     return Recording(
         path=path,
         photos=(),
-        sizes=FrameSizes.of_image(first, max_side, full_side),
+        sizes=FrameSizes.of_image(path, first, max_side, full_side),
         focal=focal_of_photo(path),
         expected_frames=stack.count,
         stretch=stretch,

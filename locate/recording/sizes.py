@@ -1,14 +1,18 @@
 """How large the images of a recording are: as recorded, and as they are used."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from geometry.arrays import GreySamples
+from geometry.errors import BadInputError
 
 Size = tuple[int, int]
 """Width and height, px."""
+LEAST_SIDE_PX, LARGEST_ASPECT = 8, 32
+"""Of smaller and longer frames nothing is left where they are shrunk; chosen, far from cameras'."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,15 +32,25 @@ class FrameSizes:
     deep: bool
 
     @classmethod
-    def of_image(cls, first: GreySamples, max_side: int, full_side: int | None) -> Self:
+    def of_image(cls, path: Path, first: GreySamples, max_side: int, full_side: int | None) -> Self:
         """By the first image of a recording, (H, W).
 
         Args:
+            path: Of the recording, for messages.
             first: As deep as it is.
             max_side: Longest working side, px.
             full_side: Longest side at full size, px; None: `max_side`.
+
+        Raises:
+            BadInputError: It is too small or too long.
         """
         height, width = first.shape
+        shorter, longer = sorted(first.shape)
+        if shorter < LEAST_SIDE_PX or longer > LARGEST_ASPECT * shorter:
+            raise BadInputError(
+                f"{path}: frames of {width}x{height} px; those read have {LEAST_SIDE_PX} px a side "
+                f"or more, and are at most {LARGEST_ASPECT} times as long as wide"
+            )
         return cls(
             source=(width, height),
             working=_reduced((width, height), max_side),

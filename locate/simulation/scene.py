@@ -6,10 +6,11 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError, first_complaint
+from geometry.plain_settings import PlainSettings
 from geometry.refraction import MOLAR_MASS_KG
 from geometry.text_files import read_yaml
 from locate.simulation.materials import MATERIALS
@@ -20,10 +21,10 @@ Positive = Annotated[float, Field(gt=0)]
 SHORTEST_M = 1e-6
 
 
-class SceneBlock(BaseModel):
+class SceneBlock(PlainSettings):
     """One mapping of the file: immutable, every number finite, and a misspelt key an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
 
 class SceneFile(SceneBlock):

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ import onnxruntime
 import torch
 
 import detect
-from detect.learning import losses
+from detect.learning import losses, trainer
 from detect.learning.augmentation import apply_symmetry
 from detect.learning.batches import StageBatches
 from detect.learning.checkpoint import load_weights, read_checkpoint, read_journal
@@ -63,14 +64,16 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+STAGE = {
+    "name": "first",
+    "pools": {"some": 1},
+    "steps": 8,
+    "learning_rate": [1e-3, 1e-4],
+    "losses": {"likelihood": 0.3},
+}
+
+
 def plain(**changes: object) -> dict[str, object]:
-    stage = {
-        "name": "first",
-        "pools": {"some": 1},
-        "steps": 8,
-        "learning_rate": [1e-3, 1e-4],
-        "losses": {"likelihood": 0.3},
-    }
     return {
         "name": "tiny",
         "network": {"width": 4},
@@ -81,7 +84,7 @@ def plain(**changes: object) -> dict[str, object]:
         "checkpoint_every": 3,
         "validate_every": 6,
         "augmentation": {"invert": ["sinusoid"], "gain": [0.8, 1.0]},
-        "stages": [stage, {**stage, "name": "second", "families": {"lines": 1}, "steps": 4}],
+        "stages": [STAGE, {**STAGE, "name": "second", "families": {"lines": 1}, "steps": 4}],
     } | changes
 
 
@@ -407,7 +410,7 @@ def test_the_plot_shows_the_journal(trained: Path, tmp_path: Path) -> None:
     picture = cv2.imread(str(plot_training(trained, tmp_path / "plot.png")))
     assert picture is not None
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 10
-    with pytest.raises(BadInputError, match="no journal"):
+    with pytest.raises(BadInputError, match="cannot be read"):
         plot_training(tmp_path, tmp_path / "plot.png")
 
 
@@ -419,10 +422,27 @@ def test_bad_configs_are_one_line(data: Path) -> None:
         ({"negative_px": 0.1}, "negative_px"),
         ({"crop_px": 100}, "crop_px"),
         ({"augmentation": {"vectors": [[0, 1]]}}, "no channel 1"),
+        ({"batch": 10**9}, "batch"),
+        ({"batch": True}, "batch: yes and no"),
+        ({"network": {"width": 10**9}}, "width"),
+        ({"stages": [{**STAGE, "learning_rate": [-1, 1e-3]}]}, "learning_rate"),
+        ({"stages": [{**STAGE, "steps": 0}]}, "steps"),
+        ({"pools": {"some": {"folder": "a", "seeds": [[0, 2**31]]}}}, "over 1000000 clips"),
     ):
         with pytest.raises(BadInputError, match=what) as caught:
             config_of(data, **change)
         assert "\n" not in str(caught.value)
+
+
+def test_a_lack_of_memory_is_named(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: object) -> NoReturn:
+        raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes")
+
+    monkeypatch.setattr(trainer, "build_network", fail)
+    with pytest.raises(BadInputError, match="too little memory; lower batch"):
+        train_network(config_of(data), tmp_path, report=quiet)
 
 
 def test_too_few_samples_are_refused(data: Path) -> None:

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import Field, ValidationError
 
 from geometry import regular_files, text_files
 from geometry.errors import BadInputError
 from geometry.named_paths import resolve_path
+from geometry.plain_settings import PlainSettings
 from geometry.regular_files import append_regular, open_regular, read_content
 from geometry.text_files import read_json, read_text, read_yaml
 
@@ -78,3 +80,36 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
     (tmp_path / "b").symlink_to("a")
     with pytest.raises(BadInputError, match="in a circle"):
         resolve_path(tmp_path / "a" / "file")
+
+
+class Inner(PlainSettings):
+    on: bool = False
+    size: int = 1
+
+
+class Outer(PlainSettings):
+    path: Path = Path("a")
+    share: float | None = None
+    ends: tuple[float, float] = (0.0, 1.0)
+    weights: dict[str, float] = Field(default_factory=dict)
+    inner: Inner | None = None
+    extra: dict[str, Any] = Field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("share: yes", "share: yes and no"),
+        ("ends: [0, on]", "ends: yes and no"),
+        ("weights: {a: true}", "weights: yes and no"),
+        ("inner: {size: true}", "size: yes and no"),
+        ('path: "a\\0b"', "path: holds a zero byte"),
+        ("shares: 1", "shares"),
+    ],
+)
+def test_settings_hold_numbers_where_they_need_them(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(ValidationError, match=said):
+        Outer.model_validate(read_yaml(tmp_path / "a.yaml"))
+    good = {"inner": {"on": True}, "extra": {"a": [True]}, "ends": [0, 2], "share": None}
+    assert Outer.model_validate(good).ends == (0.0, 2.0)

@@ -195,5 +195,5 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "a.mp4"
     os.mkfifo(pipe)
     for read in (open_recording, fingerprint_path):
-        with pytest.raises(BadInputError, match=r"a\.mp4: is a pipe or a device"):
+        with pytest.raises(BadInputError, match=r"a\.mp4: a pipe or a device"):
             read(pipe)
