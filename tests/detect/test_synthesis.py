@@ -345,8 +345,8 @@ def test_recipes_come_from_yaml_with_folders_beside_them(tmp_path: Path) -> None
         ({"families": {"lines": 1}, "split": "all"}, "split"),
         ({"families": {"lines": 1}, "peak_px": [1, 1e308]}, "peak_px"),
         ({"families": {"lines": 1}, "plume_length": [1, 1e9]}, "plume_length"),
-        ({"families": {"lines": 1}, "size_px": True}, "size_px yes and no"),
-        ({"families": {"lines": True}}, "families yes and no"),
+        ({"families": {"lines": 1}, "size_px": True}, "size_px: yes and no"),
+        ({"families": {"lines": True}}, "families: yes and no"),
         ([], "recipe"),
     ],
 )

@@ -197,3 +197,14 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     for read in (open_recording, fingerprint_path):
         with pytest.raises(BadInputError, match=r"a\.mp4: a pipe or a device"):
             read(pipe)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (7, 64), (64, 7), (8, 257)])
+def test_frames_of_which_nothing_is_left_when_shrunk_are_refused(
+    tmp_path: Path, shape: tuple[int, int]
+) -> None:
+    for number in range(3):
+        texture = np.random.default_rng(number).integers(0, 256, shape, dtype=np.uint8)
+        cv2.imwrite(str(tmp_path / f"{number}.png"), texture)
+    with pytest.raises(BadInputError, match=f"frames of {shape[1]}x{shape[0]} px"):
+        open_recording(tmp_path)
