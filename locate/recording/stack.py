@@ -21,6 +21,8 @@ from locate.recording.video import LeftOutError, NamedImage
 
 PAGE_RATE = 25.0
 """Pages a second: TIFF states no times."""
+MOST_BYTES = 2**31 - 1
+"""Of a file: OpenCV counts no further."""
 
 
 class TiffStack:
@@ -71,10 +73,14 @@ class TiffStack:
 
     @cached_property
     def _content(self) -> NDArray[np.uint8]:
+        """Mapped, so that only what is decoded takes memory; changes are never written."""
         try:
-            return np.fromfile(self._path, dtype=np.uint8)
+            content = np.memmap(self._path, dtype=np.uint8, mode="c")
         except OSError as error:
             raise BadInputError(f"{self._path}: cannot be read ({error.strerror})") from error
+        if len(content) > MOST_BYTES:
+            raise BadInputError(f"{self._path}: a TIFF over 2 GiB is not read; split it")
+        return content
 
     def _read_page(self, row: int) -> Samples:
         self._pages.keep_only(self._content, row)

@@ -352,3 +352,15 @@ def test_usual_videos_are_read(tmp_path: Path, name: str) -> None:
         for seed in range(3):
             video.write(texture(seed))
     assert open_recording(tmp_path / name).width == 64
+
+
+def test_a_large_stack_takes_little_memory_and_a_larger_one_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    cv2.imwritemulti(str(path), [texture(seed) for seed in range(3)])
+    os.truncate(path, 2**31 - 1)
+    read: list[int] = []
+    read_bounded(lambda path: read.extend(f.index for f in open_recording(path).frames()), path)
+    assert read == [0, 1, 2]
+    os.truncate(path, 2**31)
+    with pytest.raises(BadInputError, match="a TIFF over 2 GiB is not read"):
+        open_recording(path)
