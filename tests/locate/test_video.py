@@ -420,7 +420,7 @@ def test_every_error_of_the_decoder_is_caught(
 ) -> None:
     (tmp_path / "v.mp4").write_bytes(b"video")
 
-    def fail(_: str) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error(1, "it broke")
 
     monkeypatch.setattr(av, "open", fail)
