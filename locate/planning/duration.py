@@ -16,19 +16,21 @@ from locate.recording import Recording
 
 SAMPLE_FRAMES, SAMPLE_MEASURED, SAMPLE_NEIGHBOURS = 60, 16, 8
 SAMPLE_PIXELS = 640 * 480
-POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 15.2, 29.9, 29.6, 5.3
-"""CPU s of the sample's stages (docs/accuracy.md, Cost)."""
-FULL_SIZE_S = 5.0
+START_S, POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 3.3, 12.6, 28.2, 12.3, 4.0
+"""CPU s of the sample's stages, the medians of five runs (docs/accuracy.md, Cost)."""
+FULL_SIZE_S = 6.2
 """What the sample would take if all its pixels were measured at full size once more, CPU s."""
 COMPARED_SHARE = 0.7
 """Of the time of detections, what grows with the neighbours."""
 DISPLACEMENT_SHARE = 0.4
 """What the displacement of a frame takes, of what measuring all of it takes."""
+AGAIN_S = 12.5
+"""What fusing again takes for each `SAMPLE_MEASURED` more frames, CPU s."""
 SIFT_FACTOR = 2.2
 """Of the time of poses, where frames are tied by SIFT, as photos mostly are (docs/accuracy.md)."""
-FEATURES_SHARE = 0.2
+FEATURES_SHARE = 0.12
 """Of the time of poses, what grows with the pixels: finding features."""
-REFERENCE_S = 0.079
+REFERENCE_S = 0.065
 """CPU s of `_work_once` on that machine."""
 TRIES = 5
 DECODED_FRAMES = 20
@@ -45,7 +47,7 @@ class RunTime:
         frames_s: Reading every frame and choosing.
         poses_s: Structure from motion; nothing of it where poses are given.
         detections_s: Measuring refraction.
-        rest_s: Fusion and report.
+        rest_s: Start-up, fusion and report.
         more_s: Measuring the displacement of more frames and fusing again.
     """
 
@@ -110,10 +112,10 @@ def estimate_run_time(recording: Recording, amounts: Amounts) -> RunTime:
         detections_s=speed
         * (measured / SAMPLE_MEASURED)
         * (DETECTIONS_S * pixels * (COMPARED_SHARE * compared + 1 - COMPARED_SHARE) + full_s),
-        rest_s=speed * (FUSION_S * measured / SAMPLE_MEASURED + REPORT_S),
+        rest_s=speed * (START_S + FUSION_S * measured / SAMPLE_MEASURED + REPORT_S),
         more_s=speed
         * (more / SAMPLE_MEASURED)
-        * (DISPLACEMENT_SHARE * (DETECTIONS_S * pixels + full_s) + FUSION_S),
+        * (DISPLACEMENT_SHARE * (DETECTIONS_S * pixels + full_s) + AGAIN_S),
     )
 
 
