@@ -120,5 +120,3 @@ class DetectionIndex(BaseModel):
         except ValidationError as error:
             what = " ".join(first_complaint(error)).strip()
             raise BadInputError(f"{path}: not an index of detections ({what})") from error
-        except ValueError as error:
-            raise BadInputError(f"{path}: not an index of detections ({error})") from error

@@ -62,7 +62,8 @@ def test_a_broken_response_is_refused(tmp_path: Path) -> None:
     ("content", "says"),
     [
         (None, "cannot be read"),
-        ("[", "not an index of detections"),
+        ("[", "not JSON"),
+        ("[]", "not an index of detections"),
         ('{"indices": []}', "detector Field required"),
     ],
 )
