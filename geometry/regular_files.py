@@ -54,6 +54,19 @@ def open_regular(path: Path) -> BufferedReader:
     return open(path, "rb", opener=_open_regular)
 
 
+def read_start(path: Path, most: int) -> bytes:
+    """The first bytes of a file, at most so many.
+
+    Raises:
+        BadInputError: It cannot be read, or is a pipe or a device.
+    """
+    try:
+        with open_regular(path) as file:
+            return file.read(most)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
 def append_regular(path: Path) -> TextIOWrapper:
     """Opens a text file to write on at its end; waits for no reader of a pipe.
 

@@ -1,12 +1,13 @@
 """Text files that may be hostile, read in one way whoever wrote them: plain text, JSON and YAML."""
 
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from geometry.errors import BadInputError
 from geometry.json_text import parse_json
-from geometry.regular_files import open_regular
+from geometry.regular_files import open_regular, read_start
 from geometry.yaml_text import parse_yaml
 
 MOST_TEXT_BYTES = 64 * 2**20
@@ -44,11 +45,7 @@ def read_text(path: Path) -> str:
     Raises:
         BadInputError: It cannot be read, is longer than 64 MiB, or no text.
     """
-    try:
-        with open_regular(path) as file:
-            content = file.read(MOST_TEXT_BYTES + 1)
-    except OSError as error:
-        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+    content = read_start(path, MOST_TEXT_BYTES + 1)
     if len(content) > MOST_TEXT_BYTES:
         raise BadInputError(f"{path}: a text over {MOST_TEXT_BYTES // 2**20} MiB is not read")
     try:
@@ -63,10 +60,7 @@ def read_json(path: Path) -> Any:
     Raises:
         BadInputError: It cannot be read, or is no JSON that `parse_json` takes.
     """
-    try:
-        return parse_json(read_text(path))
-    except ValueError as error:
-        raise BadInputError(f"{path}: {error}") from error
+    return _parse_file(path, parse_json)
 
 
 def read_yaml(path: Path) -> Any:
@@ -75,7 +69,11 @@ def read_yaml(path: Path) -> Any:
     Raises:
         BadInputError: It cannot be read, or is no YAML that `parse_yaml` takes.
     """
+    return _parse_file(path, parse_yaml)
+
+
+def _parse_file(path: Path, parse: Callable[[str], Any]) -> Any:
     try:
-        return parse_yaml(read_text(path))
+        return parse(read_text(path))
     except ValueError as error:
         raise BadInputError(f"{path}: {error}") from error

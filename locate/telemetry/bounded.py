@@ -6,7 +6,7 @@ from io import StringIO
 from pathlib import Path
 
 from geometry.errors import BadInputError, LocateError
-from geometry.regular_files import open_regular
+from geometry.regular_files import read_start
 from geometry.text_files import decode_text
 
 MAX_TEXT_BYTES = 64 * 2**20
@@ -21,11 +21,7 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
     Raises:
         BadInputError: The file cannot be read, or is longer than `limit` bytes or 2,000,000 lines.
     """
-    try:
-        with open_regular(path) as file:
-            content = file.read(limit + 1)
-    except OSError as error:
-        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+    content = read_start(path, limit + 1)
     if len(content) > limit:
         raise BadInputError(
             f"{path}: telemetry text over {limit // 2**20} MiB is not read; cut out this flight"

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from geometry.errors import BadInputError
-from geometry.regular_files import open_regular
+from geometry.regular_files import read_start
 from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.telemetry import (
     ardupilot,
@@ -70,7 +70,7 @@ def read_telemetry(path: str | Path) -> TelemetryTrack:
         return read_photos(path)
     if not path.is_file():
         raise BadInputError(f"{path}: is no file")
-    head = _read_head(path)
+    head = read_start(path, HEAD_BYTES)
     if not head.strip():
         raise BadInputError(f"{path}: is empty")
     for magic, read in _BINARIES:
@@ -101,14 +101,6 @@ def telemetry_candidates(recording: Path) -> tuple[Path, ...]:
     by_name = {path.name.lower(): path for path in recording.parent.iterdir()}
     names = [stem.lower() + suffix for suffix in SIDECARS]
     return (recording, *among, *(by_name[name] for name in names if name in by_name))
-
-
-def _read_head(path: Path) -> bytes:
-    try:
-        with open_regular(path) as file:
-            return file.read(HEAD_BYTES)
-    except OSError as error:
-        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def _read_text(path: Path) -> TelemetryTrack:
