@@ -1,4 +1,4 @@
-"""The two ways a run can end badly, each with one line: what, where and what to do."""
+"""Errors raised on purpose: each has an exit code and one line, what, where and what to do."""
 
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 LONGEST = 1000
 """Characters of a message; of a longer one, which quotes a file, the middle is left out."""
+LONGEST_REASON = 120
+"""Characters of what a library says; the rest is rarely of use."""
 INTERRUPTED = "interrupted; the same command goes on from here"
 
 
@@ -71,6 +73,11 @@ def first_complaint(error: "ValidationError") -> tuple[str, str]:
     first = error.errors()[0]
     what = str(first["msg"]).removeprefix("Value error, ")
     return ".".join(str(part) for part in first["loc"]), what
+
+
+def short_reason(error: Exception) -> str:
+    """What a library says is wrong with a file, on one line of 1 to 120 characters."""
+    return " ".join(str(error).split())[:LONGEST_REASON] or type(error).__name__
 
 
 def describe_error(error: Exception) -> str:

@@ -5,25 +5,33 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from geometry.arrays import GreyImage
 from geometry.decoded_size import takes_too_much
 from geometry.errors import BadInputError, describe_error
 from geometry.regular_files import read_content
 
 
-def read_image(path: Path, flags: int = cv2.IMREAD_GRAYSCALE) -> np.ndarray | None:
-    """The image of a file; None where it is none or cannot be read.
+def read_image(path: Path, flags: int = cv2.IMREAD_GRAYSCALE) -> GreyImage:
+    """The (H, W) image of a file in 8 bits of grey.
 
     Args:
         path: The file.
-        flags: As of `cv2.imdecode`.
+        flags: As of `cv2.imdecode`; of grey images.
+
+    Raises:
+        BadInputError: It is no image, cannot be read, or takes too much memory when decoded.
     """
     try:
         content = read_content(path)
-        if not content or takes_too_much(content):
-            return None
-        return cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    except (OSError, cv2.error):
-        return None
+        readable = bool(content) and not takes_too_much(content)
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if readable else None
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read ({error.strerror})") from error
+    except cv2.error:
+        image = None
+    if image is None:
+        raise BadInputError(f"{path}: not a readable image; remove or replace it")
+    return np.asarray(image, dtype=np.uint8)
 
 
 def write_image(path: Path, image: np.ndarray) -> None:

@@ -11,6 +11,7 @@ from geometry.angle_of_view import refuse_wide_lens
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.pose_lists import LEAST_NS
 from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 
@@ -18,8 +19,6 @@ MAX_TIME_GAP_S = 0.02
 """Longest time between a frame and its pose."""
 MAX_ASPECT_ERROR = 0.01
 """Largest relative difference of the aspects of a camera and an image; allows for whole px."""
-_LEAST_NS = 10**15
-"""Names that are whole numbers from this on are ns since 1970."""
 _SECONDS = re.compile(r"[0-9]{9,10}\.[0-9]{3,9}")
 """Names that are s since 1970."""
 
@@ -152,7 +151,7 @@ def read_camera(path: Path, width: int, height: int) -> Camera:
 def _stamps_in_names(sources: Sequence[str]) -> FloatArray | None:
     """(N,) s since 1970 where all frames are named by them, in whole ns or s with a fraction."""
     stems = [Path(source).stem for source in sources]
-    if stems and all(stem.isdecimal() and int(stem) >= _LEAST_NS for stem in stems):
+    if stems and all(stem.isdecimal() and int(stem) >= LEAST_NS for stem in stems):
         return np.array([int(stem) / 1e9 for stem in stems])
     if stems and all(_SECONDS.fullmatch(stem) for stem in stems):
         return np.array([float(stem) for stem in stems])

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import FloatMap
 from geometry.atomic import atomic_path
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, short_reason
 from geometry.regular_files import open_regular
 
 BROKEN = (
@@ -105,7 +105,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray[Any, Any]]:
             with np.load(stream, allow_pickle=False) as file:
                 return {name: file[name] for name in file.files}
     except BROKEN as error:
-        reason = " ".join(str(error).split())[:120]
+        reason = short_reason(error)
         raise BadInputError(f"{path}: missing or not a readable .npz file ({reason})") from error
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from detect.detection import Detection, Frames
 from detect.dybs import DybsDetector
 from geometry.arrays import GreyImage
-from geometry.errors import BadInputError
 from geometry.image_files import read_image
 
 LONGEST_SIDE_PX = 1024
@@ -20,8 +19,6 @@ def detected(detector: DybsDetector, image: GreyImage) -> Detection:
 
 def photo(path: Path) -> GreyImage:
     image = read_image(path)
-    if image is None:
-        raise BadInputError(f"{path}: not a photo that can be read")
     scale = LONGEST_SIDE_PX / max(image.shape)
     if scale < 1:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from geometry.atomic import atomic_path
-from geometry.errors import BadInputError
+from geometry.atomic import atomic_path, write_text_atomic
+from geometry.errors import BadInputError, short_reason
 from geometry.json_text import parse_json
 from geometry.regular_files import append_regular, open_regular
 from geometry.text_files import read_text
@@ -42,9 +42,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     try:
         with open_regular(path) as file:
             content = torch.load(file, map_location="cpu", weights_only=True)
-    except Exception as error:
-        line = str(error).splitlines()[0]
-        raise BadInputError(f"{path}: not a readable checkpoint ({line})") from error
+    except Exception as error:  # each kind of damage to a pickle has its own
+        reason = short_reason(error)
+        raise BadInputError(f"{path}: not a readable checkpoint ({reason})") from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise BadInputError(f"{path}: not a checkpoint of schema {SCHEMA}")
     for name, kind in CONTENT.items():
@@ -86,10 +86,4 @@ def rewind_journal(folder: Path, step: int) -> None:
     """Forgets what was noted after a step: it will be noted again."""
     if (folder / JOURNAL).exists():
         kept = [line for line in read_journal(folder) if line["step"] <= step]
-        write_whole(folder / JOURNAL, "".join(json.dumps(line) + "\n" for line in kept))
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Writes a text under a temporary name, then renames it."""
-    with atomic_path(path) as unfinished:
-        unfinished.write_text(text)
+        write_text_atomic(folder / JOURNAL, "".join(json.dumps(line) + "\n" for line in kept))

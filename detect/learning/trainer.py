@@ -21,13 +21,13 @@ from detect.learning.checkpoint import (
     read_checkpoint,
     rewind_journal,
     write_checkpoint,
-    write_whole,
 )
 from detect.learning.config import TrainConfig, TrainingStage
 from detect.learning.networks import Prediction, build_network
 from detect.learning.pools import SamplePool
 from detect.learning.reread import read_network, revive_norms
 from detect.learning.validation import ValidationScore, validate_network
+from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError
 
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
@@ -128,7 +128,7 @@ class TrainingRun:
             folder.mkdir(parents=True, exist_ok=True)
             if (folder / LAST).exists():
                 training._resume_from(folder / LAST)
-            write_whole(folder / CONFIG, json.dumps(config.to_plain(), indent=1))
+            write_text_atomic(folder / CONFIG, json.dumps(config.to_plain(), indent=1))
         except OSError as error:
             raise BadInputError(f"{folder}: cannot be written ({error})") from error
         rewind_journal(folder, training.step)

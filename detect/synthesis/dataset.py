@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from detect.synthesis.recipe import FAMILIES, SAMPLE_FAMILIES, Recipe
 from detect.synthesis.sample import Sample, Sources, sample_at
 from geometry.arrays import BoolArray
-from geometry.atomic import atomic_path
+from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError
 from geometry.npz import as_float32, check_numbers, open_arrays, save_arrays
 from geometry.text_files import read_json
@@ -190,8 +190,7 @@ def write_index(folder: Path, index: dict[str, Any]) -> None:
     path = folder / INDEX_NAME
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as unfinished:
-            unfinished.write_text(json.dumps(index, indent=1))
+        write_text_atomic(path, json.dumps(index, indent=1))
     except OSError as error:
         raise BadInputError(f"{folder}: cannot be written ({error})") from error
 

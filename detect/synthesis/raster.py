@@ -115,9 +115,9 @@ def read_photo(path: Path) -> GreyImage:
         BadInputError: It cannot be read, or is tiny.
     """
     image = read_image(path)
-    if image is None or min(image.shape) < LEAST_SIDE_PX:
-        raise BadInputError(f"{path}: not a readable photo of {LEAST_SIDE_PX} px or more")
-    return np.asarray(image, dtype=np.uint8)
+    if min(image.shape) < LEAST_SIDE_PX:
+        raise BadInputError(f"{path}: not a photo of {LEAST_SIDE_PX} px or more a side")
+    return image
 
 
 def crop_photo(rng: np.random.Generator, side: int, path: Path) -> FloatMap:

@@ -1,14 +1,9 @@
 """Pairs of images that show the same: by tracks, or by SIFT."""
 
 from collections.abc import Iterator
-from pathlib import Path
-
-import cv2
-import numpy as np
 
 from geometry.arrays import GreyImage
-from geometry.errors import BadInputError
-from geometry.regular_files import read_content
+from geometry.image_files import read_image
 from geometry.sfm import checks, features, track_matches, tracks
 from geometry.sfm.features import MatchedPair
 from geometry.sfm.job import MappingJob
@@ -65,15 +60,3 @@ def pair_by_sift(job: MappingJob) -> list[MatchedPair]:
         if checks.largest_component(pairs, count)[0] >= checks.MIN_SHARE * count:
             break
     return pairs
-
-
-def read_image(path: Path) -> GreyImage:
-    """An image, (H, W), grey.
-
-    Raises:
-        BadInputError: It cannot be read.
-    """
-    image = cv2.imdecode(np.frombuffer(read_content(path), np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise BadInputError(f"{path}: not a readable image")
-    return np.asarray(image, dtype=np.uint8)

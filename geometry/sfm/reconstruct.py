@@ -14,6 +14,7 @@ from geometry.angle_of_view import refuse_wide_lens
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError, LocateError, RegistrationError, RegistrationFailure
+from geometry.image_files import read_image
 from geometry.lens_calibration import LensName
 from geometry.sfm import checks, features, mapping, pairing, result, summary, tracks, zooms
 from geometry.sfm.covariance import AdjustmentErrors, TiedBy
@@ -77,7 +78,7 @@ def reconstruct(
     names = list(names)
     if len(names) < checks.MIN_FRAMES:
         raise checks.registration_error(RegistrationFailure.TOO_FEW_FRAMES, f"{len(names)} frames")
-    height, width = pairing.read_image(image_dir / names[0]).shape
+    height, width = read_image(image_dir / names[0]).shape
     start = features.starting_camera(width, height, camera, focal_prior_px, lens)
     if camera is not None and (camera.width, camera.height) != (width, height):
         raise BadInputError(

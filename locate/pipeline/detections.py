@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from detect.detection import Detection, Detector
 from detect.response import Response
-from geometry.atomic import atomic_path
+from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError, first_complaint
 from geometry.text_files import read_json
 from locate.journal.progress import Report
@@ -104,8 +104,7 @@ class DetectionIndex(BaseModel):
 
     def save(self, folder: Path) -> None:
         """Writes the index, whole or not at all."""
-        with atomic_path(folder / INDEX) as path:
-            path.write_text(self.model_dump_json(exclude_none=True))
+        write_text_atomic(folder / INDEX, self.model_dump_json(exclude_none=True))
 
     @classmethod
     def load(cls, folder: Path) -> Self:

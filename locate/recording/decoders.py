@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geometry import MOST_PIXELS
 from geometry.decoded_size import takes_too_much
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, short_reason
 from geometry.regular_files import read_content
 from locate.recording.formats import READ, TOO_LARGE, PhotoKind, kind_of_photo
 
@@ -165,5 +165,5 @@ def _one_line(path: Path, kind: PhotoKind) -> Iterator[None]:
             f"{path}: to read {kind.value}s, {missing_extra(kind) or error}"
         ) from error
     except Exception as error:
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        reason = short_reason(error)
         raise BadInputError(f"{path}: not a readable {kind.value} ({reason})") from error

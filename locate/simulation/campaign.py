@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from geometry.arrays import FloatArray
-from geometry.atomic import atomic_path
+from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
 from geometry.text_files import read_text
@@ -233,8 +233,7 @@ def simulate_campaign(
         "sites": [_site_truth(site, place) for site in campaign.sites],
         "flights": flights,
     }
-    with atomic_path(output / "truth.json") as path:
-        path.write_text(json.dumps(content, indent=1))
+    write_text_atomic(output / "truth.json", json.dumps(content, indent=1))
 
 
 def _claim_folder(campaign: Campaign, output: Path) -> None:

@@ -76,14 +76,12 @@ class PhotoSet:
         """
         image = read_image(self.paths[i], UNTURNED)
         camera = self.trajectory.camera
-        if image is None:
-            raise BadInputError(f"{self.paths[i]}: not a readable photo")
         if image.shape != (camera.height, camera.width):
             raise BadInputError(
                 f"{self.paths[i]}: {image.shape[1]}x{image.shape[0]} px, its poses say "
                 f"{camera.width}x{camera.height}"
             )
-        return np.asarray(image, dtype=np.uint8)
+        return image
 
 
 PosedNames = tuple[tuple[str, ...], Trajectory, FloatArray]
@@ -157,10 +155,8 @@ def _camera_numbers(path: Path) -> FloatArray:
 
 
 def _photo_size(photo: Path) -> tuple[int, int]:
-    image = read_image(photo, UNTURNED)
-    if image is None:
-        raise BadInputError(f"{photo}: not a readable photo")
-    return image.shape[1], image.shape[0]
+    height, width = read_image(photo, UNTURNED).shape
+    return width, height
 
 
 def _turn_upright(rotations: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
-from geometry.atomic import atomic_path
+from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError, first_complaint
 from geometry.georeference import Georeference
 from geometry.removal import is_plain_name
@@ -191,8 +191,7 @@ class Survey(SurveyBlock):
     def save(self, path: Path) -> None:
         """Writes survey.json, whole or not at all."""
         content = {"schema": SCHEMA, **self.model_dump(mode="json")}
-        with atomic_path(path) as unfinished:
-            unfinished.write_text(json.dumps(content, indent=1, allow_nan=False))
+        write_text_atomic(path, json.dumps(content, indent=1, allow_nan=False))
 
     @classmethod
     def load(cls, path: Path) -> Self:

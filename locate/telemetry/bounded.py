@@ -5,26 +5,27 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
-from geometry.errors import BadInputError, LocateError
+from geometry.errors import BadInputError, LocateError, short_reason
 from geometry.regular_files import read_start
-from geometry.text_files import decode_text
+from geometry.text_files import MOST_TEXT_BYTES, decode_text
 
-MAX_TEXT_BYTES = 64 * 2**20
 MAX_TEXT_LINES = 2_000_000
+"""Longer texts are refused; chosen."""
 MAX_LOG_BYTES = 256 * 2**20
-"""Larger binary logs are refused; chosen, as are the two above."""
+"""Larger binary logs are refused; chosen."""
 
 
-def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
+def read_telemetry_text(path: Path) -> str:
     """The text of a file in UTF-8 or UTF-16; undecodable bytes become U+FFFD.
 
     Raises:
-        BadInputError: The file cannot be read, or is longer than `limit` bytes or 2,000,000 lines.
+        BadInputError: The file cannot be read, or is longer than 64 MiB or 2,000,000 lines.
     """
-    content = read_start(path, limit + 1)
-    if len(content) > limit:
+    content = read_start(path, MOST_TEXT_BYTES + 1)
+    if len(content) > MOST_TEXT_BYTES:
         raise BadInputError(
-            f"{path}: telemetry text over {limit // 2**20} MiB is not read; cut out this flight"
+            f"{path}: telemetry text over {MOST_TEXT_BYTES // 2**20} MiB is not read; cut out this "
+            "flight"
         )
     if content.count(b"\n") > MAX_TEXT_LINES:
         raise BadInputError(
@@ -66,7 +67,7 @@ def report_as_bad_input(path: Path, kind: str, *, extra: str = "") -> Iterator[N
             f"{path}: to read {kind} files, pip install 'plume-locate[{extra}]'"
         ) from error
     except Exception as error:
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        reason = short_reason(error)
         raise BadInputError(f"{path}: not a readable {kind} file ({reason})") from error
 
 

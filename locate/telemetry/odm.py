@@ -11,7 +11,7 @@ from pyproj.exceptions import ProjError
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
 from locate.telemetry.assemble import track_from_columns
-from locate.telemetry.bounded import read_text
+from locate.telemetry.bounded import read_telemetry_text
 from locate.telemetry.track import TelemetryTrack
 
 KIND = "ODM geo.txt"
@@ -86,7 +86,7 @@ def read_ground_control(path: Path) -> GroundControl:
     Raises:
         BadInputError: Nothing in it can be read.
     """
-    transformer, rows = _read_rows(read_text(path), path)
+    transformer, rows = _read_rows(read_telemetry_text(path), path)
     values = np.array(
         [[_parse_number(word) for word in words[:5]] for words in rows if len(words) > 5]
     )

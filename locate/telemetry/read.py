@@ -18,7 +18,7 @@ from locate.telemetry import (
     table,
     ulog,
 )
-from locate.telemetry.bounded import read_text
+from locate.telemetry.bounded import read_telemetry_text
 from locate.telemetry.gpmf import read_gpmf
 from locate.telemetry.photos import read_photos
 from locate.telemetry.subtitles import read_subtitles
@@ -104,7 +104,7 @@ def telemetry_candidates(recording: Path) -> tuple[Path, ...]:
 
 
 def _read_text(path: Path) -> TelemetryTrack:
-    text = read_text(path)
+    text = read_telemetry_text(path)
     for looks_like, parse in _TEXTS:
         if looks_like(text[:HEAD_BYTES]):
             return parse(text, path)

@@ -7,9 +7,10 @@ import av
 from av.stream import Discard
 
 from geometry.errors import BadInputError
+from geometry.text_files import MOST_TEXT_BYTES
 from locate.recording.container import open_container
 from locate.recording.video import start_of_video_s
-from locate.telemetry.bounded import MAX_TEXT_BYTES, report_as_bad_input
+from locate.telemetry.bounded import report_as_bad_input
 from locate.telemetry.dji_srt import track_of_cues
 from locate.telemetry.track import TelemetryTrack
 
@@ -35,14 +36,15 @@ def _read_cues(path: Path, container: "av.container.InputContainer") -> Iterator
     for other in container.streams:
         if other.index != stream.index:
             other.discard = Discard.all  # so that gigabytes of images are not read
-    start_s, left = start_of_video_s(container), MAX_TEXT_BYTES
+    start_s, left = start_of_video_s(container), MOST_TEXT_BYTES
     for packet in container.demux(stream):
         content = bytes(packet)
         if packet.pts is None or not content:
             continue
         left -= len(content)
         if left < 0:
-            raise BadInputError(f"{path}: its subtitle track is over {MAX_TEXT_BYTES // 2**20} MiB")
+            most = f"{MOST_TEXT_BYTES // 2**20} MiB"
+            raise BadInputError(f"{path}: its subtitle track is over {most}; cut the video")
         if stream.codec_context.name == "mov_text":  # two bytes of length, 3GPP TS 26.245
             content = content[2 : 2 + int.from_bytes(content[:2], "big")]
         time_s = float(packet.pts * packet.time_base) - start_s

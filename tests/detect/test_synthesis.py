@@ -364,5 +364,5 @@ def test_missing_files_say_what_is_wrong(tmp_path: Path) -> None:
         read_run(tmp_path / "run_00000.npz")
     (tmp_path / "a.png").write_bytes(b"no picture")
     recipe = Recipe(families={"photo": 1}, photos=tmp_path, split=split_of_photo(tmp_path / "a"))
-    with pytest.raises(BadInputError, match="not a readable photo"):
+    with pytest.raises(BadInputError, match=r"a\.png: not a readable image"):
         sample_at(0, recipe, Sources.from_recipe(recipe))

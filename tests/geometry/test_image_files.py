@@ -13,16 +13,16 @@ PICTURE = np.arange(48, dtype=np.uint8).reshape(6, 8)
 def test_names_that_are_not_utf8_are_written_and_read(tmp_path: Path) -> None:
     path = tmp_path / NOT_UTF8
     write_image(path, PICTURE)
-    read = read_image(path)
-    assert read is not None
-    assert (read == PICTURE).all()
+    assert (read_image(path) == PICTURE).all()
 
 
-def test_what_is_no_image_is_none(tmp_path: Path) -> None:
+def test_what_is_no_image_is_named(tmp_path: Path) -> None:
     for content in (b"", b"no image"):
         (tmp_path / "a.png").write_bytes(content)
-        assert read_image(tmp_path / "a.png") is None
-    assert read_image(tmp_path / "missing.png") is None
+        with pytest.raises(BadInputError, match=r"a\.png: not a readable image"):
+            read_image(tmp_path / "a.png")
+    with pytest.raises(BadInputError, match=r"missing\.png: cannot be read \(No such file"):
+        read_image(tmp_path / "missing.png")
 
 
 def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:

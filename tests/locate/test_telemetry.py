@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError
+from geometry.text_files import MOST_TEXT_BYTES
 from locate.telemetry import (
     AltitudeDatum,
     Clock,
@@ -20,7 +21,7 @@ from locate.telemetry import (
     ulog,
 )
 from locate.telemetry.assemble import track_from_columns
-from locate.telemetry.bounded import MAX_LOG_BYTES, MAX_TEXT_BYTES, MAX_TEXT_LINES, read_text
+from locate.telemetry.bounded import MAX_LOG_BYTES, MAX_TEXT_LINES, read_telemetry_text
 from locate.telemetry.clock import parse_date_time
 from locate.telemetry.streams import yaw_pitch_roll_deg
 from tests.locate import recorded
@@ -395,12 +396,12 @@ def test_a_log_that_runs_in_circles_is_refused(tmp_path: Path) -> None:
 
 def test_what_is_over_the_limit_is_refused_unread(tmp_path: Path) -> None:
     with (tmp_path / "a.srt").open("wb") as file:
-        file.write(b" " * (MAX_TEXT_BYTES + 1))
+        file.write(b" " * (MOST_TEXT_BYTES + 1))
     with pytest.raises(BadInputError, match="over 64 MiB"):
-        read_text(tmp_path / "a.srt")
+        read_telemetry_text(tmp_path / "a.srt")
     (tmp_path / "a.srt").write_bytes(b"\n" * (MAX_TEXT_LINES + 1))
     with pytest.raises(BadInputError, match="over 2000000 lines"):
-        read_text(tmp_path / "a.srt")
+        read_telemetry_text(tmp_path / "a.srt")
     with (tmp_path / "a.ulg").open("wb") as file:
         file.write(ulog.MAGIC)
         file.truncate(MAX_LOG_BYTES + 1)
