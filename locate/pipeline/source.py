@@ -1,6 +1,7 @@
 """Where the frames of a run come from: a video, a folder of photos, or a robot's bag."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -60,11 +61,16 @@ class RecordingSource:
         return source
 
     def open_frames(self) -> Recording:
-        """The frames, at the size of poses and at full size.
+        """The frames, at the size of poses and at full size; each call has its own warnings.
 
         Raises:
             BadInputError: They cannot be read.
         """
+        return replace(self._recording, warnings=list(self._recording.warnings))
+
+    @cached_property
+    def _recording(self) -> Recording:
+        """Opened once: that decodes frames to see what they are like. Its frames are not read."""
         max_side = min(self.config.amounts.max_side, DEFAULT_MAX_SIDE)
         if self.bag is not None:
             return self.bag.open_recording(max_side=max_side, full_side=self._full_side)
@@ -95,7 +101,7 @@ class RecordingSource:
         """The focal length in px of the key frames, as given or by metadata."""
         if self.config.focal_px is None:
             return key_frames.focal_prior_px
-        return self.config.focal_px * key_frames.width / self.open_frames().sizes.source[0]
+        return self.config.focal_px * key_frames.width / self._recording.sizes.source[0]
 
     def given_poses(self, key_frames: KeyFrames) -> NamedPoses | None:
         """The poses of the user's file or of the bag."""

@@ -17,7 +17,8 @@ from locate.messages.stamps import NS_PER_S
 from locate.messages.wiring import PoseResolver, Wiring
 from locate.recording import Recording
 from locate.recording.bag_images import BagImages
-from locate.recording.sizes import FrameSizes
+from locate.recording.depth import stretch_notes
+from locate.recording.sizes import FrameSizes, SizeLimits
 
 WAITING_NS = 10 * NS_PER_S
 """Images wait this long for a pose (chosen)."""
@@ -48,15 +49,15 @@ class BagRecording:
             BadInputError: It is no bag, or holds no images that can be read.
         """
         first, stretch = self._images.read_first(), self._images.stretch
-        warnings = [f"{self.path.name}: {stretch.note}"] if stretch is not None else []
+        limits = SizeLimits(working=max_side, full=full_side or max_side)
         return Recording(
             path=self.path,
             photos=(),
-            sizes=FrameSizes.of_image(self.path, first, max_side, full_side),
+            sizes=FrameSizes.of_image(self.path, first, limits),
             focal=None,
             stretch=stretch,
-            warnings=warnings,
-            read=lambda: self._images.read(warnings),
+            warnings=stretch_notes(self.path, stretch),
+            read=self._images.read,
         )
 
     @cached_property

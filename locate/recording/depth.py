@@ -40,6 +40,11 @@ def stretch_of_video(path: Path) -> Stretch | None:
     return None if stretch is None or stretch.is_whole_range else stretch
 
 
+def stretch_notes(path: Path, stretch: Stretch | None) -> list[str]:
+    """What a map says of the stretch of a recording; empty without one."""
+    return [] if stretch is None else [f"{path.name}: {stretch.note}"]
+
+
 def grey_of_frame(frame: av.VideoFrame, stretch: Stretch | None) -> GreySamples:
     """The (H, W) image of a decoded frame, as deep as it is, deep samples stretched."""
     if not _is_deep(frame):

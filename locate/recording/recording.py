@@ -12,13 +12,13 @@ from geometry.arrays import GreyImage, GreySamples
 from geometry.errors import BadInputError
 from geometry.regular_files import refuse_streams
 from geometry.stretch import FINE, VALUES, Stretch, in_8_bits
-from locate.recording.depth import stretch_of_photos, stretch_of_video
+from locate.recording.depth import stretch_notes, stretch_of_photos, stretch_of_video
 from locate.recording.focal import FocalPrior, focal_of_photo, focal_of_video
 from locate.recording.formats import PHOTO_SUFFIXES
 from locate.recording.images import read_samples, show_in_grey
 from locate.recording.photo_folder import is_stack, list_photos, note_further_pages
 from locate.recording.photo_groups import keep_one_camera
-from locate.recording.sizes import FrameSizes
+from locate.recording.sizes import FrameSizes, SizeLimits
 from locate.recording.stack import TiffStack
 from locate.recording.video import (
     LeftOutError,
@@ -34,8 +34,6 @@ DEFAULT_MAX_SIDE = 1280
 """Longest side at which frames are processed, px."""
 ANY_SIDE = 1 << 30
 """A longest side that reduces no image, px."""
-
-
 Wanted = Callable[[int, NamedImage], bool]
 
 
@@ -74,13 +72,13 @@ class Recording:
         photos: The photos in natural order; empty for a video.
         sizes: Of the images.
         focal: Focal length from metadata, or None.
-        expected_frames: What its header or the folder promises; 0 where nothing does.
+        expected_frames: By its header, or the photos of the folder; 0 where that is unknown.
         stretch: How samples of more than 8 bits are shown in 8; None where they need no stretch.
         warnings: Filled while reading: what is wrong without making the recording useless.
         photo_indices: Of each photo among all that were given; empty where all are used.
         turns: Quarter turns counterclockwise of some of the photos, by their place among `photos`.
         read: Yields time, name and image of each frame, for what is neither a video file nor
-            photos.
+            photos; adds to the warnings that it is given.
     """
 
     path: Path
@@ -92,7 +90,7 @@ class Recording:
     warnings: list[str] = field(default_factory=list)
     photo_indices: tuple[int, ...] = ()
     turns: Mapping[int, int] = field(default_factory=dict)
-    read: Callable[[], Iterator[NamedImage]] | None = None
+    read: Callable[[list[str]], Iterator[NamedImage]] | None = None
 
     @property
     def is_video(self) -> bool:
@@ -143,8 +141,8 @@ class Recording:
         """Yields the frames in order; one frame is in memory at a time.
 
         Args:
-            is_wanted: Told the index of a frame and what it comes from; the others of a video, and
-                of coded video in a bag, are decoded and no more, others are not decoded.
+            is_wanted: Takes the index of a frame and what it comes from. Frames that are not wanted
+                are decoded only where later ones depend on them, as in coded video.
 
         Raises:
             BadInputError: A photo cannot be read, or the frames change in size.
@@ -175,7 +173,7 @@ class Recording:
 
     def _source_images(self) -> Iterator[NamedImage]:
         if self.read is not None:
-            return self.read()
+            return self.read(self.warnings)
         return (
             video_images(self.path, self.warnings, self.stretch)
             if self.is_video
@@ -212,60 +210,77 @@ def open_recording(
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
     refuse_streams(path)
-    is_photo = path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES
-    photo_indices: tuple[int, ...] = ()
-    turns: dict[int, int] = {}
-    warnings: list[str] = []
-    if path.is_dir() or is_photo:
-        photos, warnings = ((path,), []) if is_photo else list_photos(path)
-        if len(photos) == 1 and is_stack(photos[0]):
-            return _open_stack(photos[0], max_side, full_side, warnings)
-        warnings += note_further_pages(photos)
-        if one_camera:
-            kept = keep_one_camera(photos)
-            photo_indices = kept.rows if len(kept.rows) < len(photos) else ()
-            photos = tuple(photos[row] for row in kept.rows)
-            turns = {kept.rows.index(row): turn for row, turn in kept.turns.items()}
-            warnings += kept.notes
-        shown = next(_photo_images(photos[:1], [], None)).load()
-        first = turn_image(shown, turns.get(0, 0))
-        focal = focal_of_photo(photos[0])
-        stretch = stretch_of_photos(photos)
-        expected_frames = len(photos)
+    limits = SizeLimits(working=max_side, full=full_side or max_side)
+    if path.is_dir():
+        photos, warnings = list_photos(path)
+    elif path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES:
+        photos, warnings = (path,), []
     else:
-        photos = ()
-        first = first_video_image(path)
-        metadata, expected_frames = read_video_header(path)
-        focal = focal_of_video(metadata)
-        stretch = stretch_of_video(path)
-    return Recording(
-        path=path,
-        photos=photos,
-        sizes=FrameSizes.of_image(path, first, max_side, full_side),
-        focal=focal,
-        expected_frames=expected_frames,
-        stretch=stretch,
-        photo_indices=photo_indices,
-        turns=turns,
-        warnings=warnings if stretch is None else [*warnings, f"{path.name}: {stretch.note}"],
-    )
+        return _open_video(path, limits)
+    if len(photos) == 1 and is_stack(photos[0]):
+        return _open_stack(photos[0], limits, warnings)
+    return _open_photos(path, photos, limits, warnings, one_camera=one_camera)
 
 
-def _open_stack(path: Path, max_side: int, full_side: int | None, warnings: list[str]) -> Recording:
-    stack = TiffStack(path)
-    stretch = stack.stretch
-    first = next(stack.read([])).load()
-    if stretch is not None:
-        warnings.append(f"{path.name}: {stretch.note}")
+def _open_video(path: Path, limits: SizeLimits) -> Recording:
+    first = first_video_image(path)
+    metadata, expected_frames = read_video_header(path)
+    stretch = stretch_of_video(path)
     return Recording(
         path=path,
         photos=(),
-        sizes=FrameSizes.of_image(path, first, max_side, full_side),
+        sizes=FrameSizes.of_image(path, first, limits),
+        focal=focal_of_video(metadata),
+        expected_frames=expected_frames,
+        stretch=stretch,
+        warnings=stretch_notes(path, stretch),
+    )
+
+
+def _open_stack(path: Path, limits: SizeLimits, warnings: list[str]) -> Recording:
+    stack = TiffStack(path)
+    first = next(stack.read([])).load()
+    return Recording(
+        path=path,
+        photos=(),
+        sizes=FrameSizes.of_image(path, first, limits),
         focal=focal_of_photo(path),
         expected_frames=stack.count,
+        stretch=stack.stretch,
+        warnings=[*warnings, *stretch_notes(path, stack.stretch)],
+        read=stack.read,
+    )
+
+
+def _open_photos(
+    path: Path,
+    photos: tuple[Path, ...],
+    limits: SizeLimits,
+    warnings: list[str],
+    *,
+    one_camera: bool,
+) -> Recording:
+    warnings = [*warnings, *note_further_pages(photos)]
+    photo_indices: tuple[int, ...] = ()
+    turns: dict[int, int] = {}
+    if one_camera:
+        kept = keep_one_camera(photos)
+        photo_indices = kept.rows if len(kept.rows) < len(photos) else ()
+        photos = tuple(photos[row] for row in kept.rows)
+        turns = {kept.rows.index(row): turn for row, turn in kept.turns.items()}
+        warnings += kept.notes
+    first = turn_image(next(_photo_images(photos[:1], [], None)).load(), turns.get(0, 0))
+    stretch = stretch_of_photos(photos)
+    return Recording(
+        path=path,
+        photos=photos,
+        sizes=FrameSizes.of_image(path, first, limits),
+        focal=focal_of_photo(photos[0]),
+        expected_frames=len(photos),
         stretch=stretch,
-        warnings=warnings,
-        read=lambda: stack.read(warnings),
+        photo_indices=photo_indices,
+        turns=turns,
+        warnings=[*warnings, *stretch_notes(path, stretch)],
     )
 
 

@@ -16,6 +16,19 @@ LEAST_SIDE_PX, LARGEST_ASPECT = 8, 32
 
 
 @dataclass(frozen=True, kw_only=True)
+class SizeLimits:
+    """Longest sides that images may have; longer ones are reduced.
+
+    Attributes:
+        working: Of the images that are processed, px.
+        full: Of those that are kept beside them, px.
+    """
+
+    working: int
+    full: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrameSizes:
     """The sizes of the frames of one recording.
 
@@ -32,14 +45,13 @@ class FrameSizes:
     deep: bool
 
     @classmethod
-    def of_image(cls, path: Path, first: GreySamples, max_side: int, full_side: int | None) -> Self:
+    def of_image(cls, path: Path, first: GreySamples, limits: SizeLimits) -> Self:
         """By the first image of a recording, (H, W).
 
         Args:
             path: Of the recording, for messages.
             first: As deep as it is.
-            max_side: Longest working side, px.
-            full_side: Longest side at full size, px; None: `max_side`.
+            limits: Of the sides.
 
         Raises:
             BadInputError: It is too small or too long.
@@ -53,8 +65,8 @@ class FrameSizes:
             )
         return cls(
             source=(width, height),
-            working=_reduced((width, height), max_side),
-            full=_reduced((width, height), full_side or max_side),
+            working=_reduced((width, height), limits.working),
+            full=_reduced((width, height), limits.full),
             deep=first.dtype == np.uint16,
         )
 
