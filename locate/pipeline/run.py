@@ -25,6 +25,7 @@ from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
 from locate.pipeline.side_by_side import measure_side_by_side
 from locate.pipeline.source import RecordingSource
+from locate.pipeline.stage import Stage
 from locate.recording import KeyFrames, Recording
 from locate.recording.posed_frames import PosedFrames
 from locate.telemetry import read_telemetry
@@ -117,23 +118,20 @@ class Run:
     def _choose_frames(self) -> KeyFrames:
         recording = self.source.open_frames()
         self.folder.save_config(self.config.to_plain())
-        at_rest = self._may_rest and self.folder.is_done(
-            "frames", inputs=self._frame_inputs(at_rest=True), code=(frames,)
-        )
+        at_rest = self._may_rest and self.folder.is_done(self._frame_stage(at_rest=True))
         key_frames = self._write_frames(recording, at_rest=at_rest)
         for obstacle in foreseen_obstacles(key_frames):
             log.warning("%s %s", obstacle.why, obstacle.remedy)
         return key_frames
 
-    def _frame_inputs(self, *, at_rest: bool) -> dict[str, Any]:
-        return {**self.source.frame_inputs(), "at_rest": at_rest}
+    def _frame_stage(self, *, at_rest: bool) -> Stage:
+        inputs = {**self.source.frame_inputs(), "at_rest": at_rest}
+        return Stage(name="frames", inputs=inputs, code=(frames,))
 
     def _write_frames(self, recording: Recording, *, at_rest: bool) -> KeyFrames:
-        self.folder.stage(
-            "frames",
-            inputs=self._frame_inputs(at_rest=at_rest),
-            code=(frames,),
-            build=lambda folder: frames.write_key_frames(
+        self.folder.complete(
+            self._frame_stage(at_rest=at_rest),
+            lambda folder: frames.write_key_frames(
                 recording,
                 RunFiles(folder),
                 max_frames=self.config.amounts.max_frames,
@@ -185,13 +183,13 @@ class Run:
             )
 
         inputs = self.source.pose_inputs()
-        self.folder.stage("poses", after=("frames",), inputs=inputs, code=(poses,), build=build)
-        self.folder.stage(
-            "place",
-            after=("poses",),
-            inputs=place.place_inputs(self.source),
-            code=(place,),
-            build=lambda folder: place.place_run(
+        self.folder.complete(
+            Stage(name="poses", after=("frames",), inputs=inputs, code=(poses,)), build
+        )
+        placing = place.place_inputs(self.source)
+        self.folder.complete(
+            Stage(name="place", after=("poses",), inputs=placing, code=(place,)),
+            lambda folder: place.place_run(
                 self.source, key_frames, self.lengths, self.files, RunFiles(folder)
             ),
         )
@@ -226,8 +224,11 @@ class Run:
         if weights:
             inputs["weights"] = [fingerprint_path(path) for path in weights]
         after = ("frames",) if plan.posed.trajectory is None else ("frames", "place")
-        do = self.folder.stage if share is None else self.folder.begin
-        do("detections", after=after, inputs=inputs, code=(detections, registry), build=build)
+        stage = Stage(name="detections", after=after, inputs=inputs, code=(detections, registry))
+        if share is None:
+            self.folder.complete(stage, build)
+        else:
+            self.folder.begin(stage, build)
 
     def _fuse(self, plan: MeasurementPlan) -> None:
         at_rest = plan.posed.trajectory is None
@@ -236,18 +237,16 @@ class Run:
             *full_size_notes(plan.key_frames),
             *left_out_notes(plan.key_frames, plan.posed.indices, given=self.source.has_given_poses),
         )
-        self.folder.stage(
-            "fusion",
-            after=("detections",),
-            inputs={
-                "seed": self.config.seed,
-                "notes": notes,
-                "clutter_nats": plan.detector.clutter_nats,
-                "displacement_frames": self.config.amounts.displacement_frames,
-                "always": self._always_more,
-            },
-            code=(decide, registry),
-            build=lambda folder: decide.write_map(
+        inputs = {
+            "seed": self.config.seed,
+            "notes": notes,
+            "clutter_nats": plan.detector.clutter_nats,
+            "displacement_frames": self.config.amounts.displacement_frames,
+            "always": self._always_more,
+        }
+        self.folder.complete(
+            Stage(name="fusion", after=("detections",), inputs=inputs, code=(decide, registry)),
+            lambda folder: decide.write_map(
                 self.files,
                 RunFiles(folder),
                 plan.posed,
@@ -285,12 +284,10 @@ class Run:
 
     def _publish(self, plan: MeasurementPlan) -> None:
         self._report("report", -1)
-        self.folder.stage(
-            "report",
-            after=("fusion",),
-            inputs=publish.publish_inputs(self.config),
-            code=(publish,),
-            build=lambda folder: publish.publish(
+        inputs = publish.publish_inputs(self.config)
+        self.folder.complete(
+            Stage(name="report", after=("fusion",), inputs=inputs, code=(publish,)),
+            lambda folder: publish.publish(
                 self.source,
                 plan.key_frames,
                 plan.posed,

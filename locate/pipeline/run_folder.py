@@ -1,13 +1,11 @@
 """A run is a folder: stages write files, all at once, and are skipped where these are valid."""
 
-import json
 import logging
 import sqlite3
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import yaml
@@ -21,7 +19,7 @@ from locate import __version__
 from locate.journal.costs import StageTime, cpu_seconds
 from locate.pipeline.config import SCHEMA
 from locate.pipeline.files import RunFiles
-from locate.pipeline.fingerprint import digest, fingerprint_code
+from locate.pipeline.stage import Stage
 from locate.pipeline.stamp import OWN_FILES, PUBLISHING, Stamp, digest_outputs
 
 PARTIAL, STAMPS = ".partial", ".stages"
@@ -125,35 +123,23 @@ class RunFolder:
         content = {"schema": SCHEMA, "version": __version__, **settings}
         write_text_atomic(self.files.config, yaml.safe_dump(content, sort_keys=False))
 
-    def stage(
-        self,
-        name: str,
-        *,
-        after: tuple[str, ...] = (),
-        inputs: Mapping[str, object],
-        code: Sequence[ModuleType] = (),
-        build: Callable[[Path], str],
-    ) -> None:
-        """Does one stage, or skips it where its result is valid.
+    def complete(self, stage: Stage, build: Callable[[Path], str]) -> None:
+        """Does a stage, or skips it where its result is valid.
 
         Args:
-            name: Of the stage.
-            after: The stages whose results it reads.
-            inputs: What else its result depends on; JSON-able.
-            code: The modules that make the result; with all that they import of this program,
-                they are part of what it depends on.
+            stage: What it depends on.
             build: Writes the stage's files into the folder it is given, which may hold what an
                 interrupted run of the same stage left there, and returns a note on the result.
         """
-        fingerprint = self._fingerprint(name, after, inputs, code)
-        self._done.add(name)
+        fingerprint = self._fingerprint(stage)
+        self._done.add(stage.name)
         # Of several processes that do shares of a later stage, one does this stage.
-        with self._report_errors(name), hold_lock(self.root, STAGE_LOCK, wait=True):
-            stamp = self._valid_stamp(name, fingerprint)
+        with self._report_errors(stage.name), hold_lock(self.root, STAGE_LOCK, wait=True):
+            stamp = self._valid_stamp(stage.name, fingerprint)
             if stamp is None:
-                stamp = self._make(name, fingerprint, build)
+                stamp = self._make(stage.name, fingerprint, build)
             else:
-                log.info("skipped, its result is valid", extra={"stage": name})
+                log.info("skipped, its result is valid", extra={"stage": stage.name})
         self.times.append(stamp.time)
 
     def _make(self, name: str, fingerprint: str, build: Callable[[Path], str]) -> Stamp:
@@ -172,58 +158,26 @@ class RunFolder:
         log.info(note, extra={"stage": name, "wall_s": spent.wall_s, "cpu_s": spent.cpu_s})
         return stamp
 
-    def begin(
-        self,
-        name: str,
-        *,
-        after: tuple[str, ...] = (),
-        inputs: Mapping[str, object],
-        code: Sequence[ModuleType] = (),
-        build: Callable[[Path], str],
-    ) -> None:
-        """Does a share of a stage, as several processes may at once; `stage` finishes it.
+    def begin(self, stage: Stage, build: Callable[[Path], str]) -> None:
+        """Does a share of a stage, as several processes may at once; `complete` ends it.
 
         Args:
-            name: As of `stage`.
-            after: Likewise.
-            inputs: Likewise.
-            code: Likewise.
+            stage: What it depends on.
             build: Writes some of the stage's files into the folder it is given.
         """
-        fingerprint = self._fingerprint(name, after, inputs, code)
-        with self._report_errors(name):
-            if self._valid_stamp(name, fingerprint) is None:
-                build(self._partial(name, fingerprint))
+        fingerprint = self._fingerprint(stage)
+        with self._report_errors(stage.name):
+            if self._valid_stamp(stage.name, fingerprint) is None:
+                build(self._partial(stage.name, fingerprint))
 
-    def is_done(
-        self, name: str, *, inputs: Mapping[str, object], code: Sequence[ModuleType] = ()
-    ) -> bool:
-        """Whether a stage that reads no other's results was done with these inputs.
+    def is_done(self, stage: Stage) -> bool:
+        """Whether a stage was done as it would be now; its files are not looked at."""
+        stamp = None if self._force else Stamp.load(self._stamp_path(stage.name))
+        return stamp is not None and stamp.fingerprint == self._fingerprint(stage)
 
-        Args:
-            name: As of `stage`.
-            inputs: Likewise.
-            code: Likewise.
-        """
-        stamp = None if self._force else Stamp.load(self._stamp_path(name))
-        return stamp is not None and stamp.fingerprint == self._fingerprint(name, (), inputs, code)
-
-    def _fingerprint(
-        self,
-        name: str,
-        after: tuple[str, ...],
-        inputs: Mapping[str, object],
-        code: Sequence[ModuleType],
-    ) -> str:
-        depends: dict[str, object] = {
-            "stage": name,
-            "version": __version__,
-            "inputs": dict(inputs),
-            "code": [fingerprint_code(module.__name__) for module in code],
-        }
-        depends["after"] = [self._fingerprints[other] for other in after]
-        fingerprint = digest(json.dumps(depends, sort_keys=True).encode())
-        self._fingerprints[name] = fingerprint
+    def _fingerprint(self, stage: Stage) -> str:
+        fingerprint = stage.fingerprint(self._fingerprints)
+        self._fingerprints[stage.name] = fingerprint
         return fingerprint
 
     @contextmanager

@@ -10,6 +10,7 @@ from geometry.lock import hold_lock
 from locate.commands.app import app
 from locate.pipeline.clean import list_dispensable, open_finished, remove_dispensable
 from locate.pipeline.run_folder import RunFolder
+from locate.pipeline.stage import Stage
 
 STAGES = {"frames": "frames/a.png", "poses": "sfm/model", "detections": "detections/a.npz"}
 SCENES = Path(__file__).parents[2] / "examples" / "scenes"
@@ -29,7 +30,7 @@ def finish(root: Path, made: list[str] | None = None) -> RunFolder:
                     made.append(name)
                 return "done"
 
-            folder.stage(name, inputs={}, build=build)
+            folder.complete(Stage(name=name, inputs={}), build)
     return folder
 
 

@@ -100,10 +100,10 @@ def stage_fingerprints(finished: Path, monkeypatch: pytest.MonkeyPatch) -> dict[
     """Of every stage of the finished run, were it run again; nothing is done."""
     found: dict[str, str] = {}
 
-    def record(folder, name, *, after=(), inputs, code=(), build) -> None:
-        found[name] = folder._fingerprint(name, after, inputs, code)
+    def record(folder, stage, _build) -> None:
+        found[stage.name] = folder._fingerprint(stage)
 
-    monkeypatch.setattr(RunFolder, "stage", record)
+    monkeypatch.setattr(RunFolder, "complete", record)
     monkeypatch.setattr(RunFolder, "withdraw_others", lambda _: None)
     Run(RunConfig(recording=SAMPLE_VIDEO, max_frames=int(FRAMES)), finished).run()
     return found

@@ -13,6 +13,7 @@ import yaml
 from geometry.atomic import atomic_path
 from geometry.errors import BadInputError
 from locate.pipeline.run_folder import RunFolder
+from locate.pipeline.stage import Stage
 
 
 def make(text: str, calls: list[str]):
@@ -29,7 +30,7 @@ def test_stage_is_skipped_while_its_inputs_stand(tmp_path: Path) -> None:
     for value in (1, 1, 2):
         folder = RunFolder(tmp_path)
         folder.save_config({})
-        folder.stage("one", inputs={"v": value}, build=make(str(value), calls))
+        folder.complete(Stage(name="one", inputs={"v": value}), make(str(value), calls))
     assert calls == ["1", "2"]
     assert (tmp_path / "answer.txt").read_text() == "2"
 
@@ -39,8 +40,8 @@ def test_later_stage_follows_an_earlier_one(tmp_path: Path) -> None:
     for value in (1, 2):
         folder = RunFolder(tmp_path)
         folder.save_config({})
-        folder.stage("one", inputs={"v": value}, build=make("one", calls))
-        folder.stage("two", after=("one",), inputs={}, build=make("two", calls))
+        folder.complete(Stage(name="one", inputs={"v": value}), make("one", calls))
+        folder.complete(Stage(name="two", after=("one",), inputs={}), make("two", calls))
     assert calls == ["one", "two", "one", "two"]
 
 
@@ -49,7 +50,7 @@ def test_missing_output_is_made_again(tmp_path: Path) -> None:
     for _ in range(2):
         folder = RunFolder(tmp_path)
         folder.save_config({})
-        folder.stage("one", inputs={}, build=make("x", calls))
+        folder.complete(Stage(name="one", inputs={}), make("x", calls))
         (tmp_path / "answer.txt").unlink()
     assert calls == ["x", "x"]
 
@@ -59,7 +60,7 @@ def test_force_does_everything_again(tmp_path: Path) -> None:
     for force in (False, True):
         folder = RunFolder(tmp_path, force=force)
         folder.save_config({})
-        folder.stage("one", inputs={}, build=make("x", calls))
+        folder.complete(Stage(name="one", inputs={}), make("x", calls))
     assert calls == ["x", "x"]
 
 
@@ -71,21 +72,21 @@ def test_failed_stage_leaves_no_output_and_keeps_its_workshop(tmp_path: Path) ->
     folder = RunFolder(tmp_path)
     folder.save_config({})
     with pytest.raises(RuntimeError):
-        folder.stage("one", inputs={}, build=breaks)
+        folder.complete(Stage(name="one", inputs={}), breaks)
     assert not (tmp_path / "answer.txt").exists()
 
     def goes_on(workshop: Path) -> str:
         return (workshop / "answer.txt").read_text()
 
     folder = RunFolder(tmp_path)
-    folder.stage("one", inputs={}, build=goes_on)
+    folder.complete(Stage(name="one", inputs={}), goes_on)
     assert folder.times[0].note == "half"
 
 
 def test_results_of_another_kind_of_run_are_withdrawn(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     folder.save_config({})
-    folder.stage("one", inputs={}, build=make("x", []))
+    folder.complete(Stage(name="one", inputs={}), make("x", []))
     folder = RunFolder(tmp_path)
     folder.withdraw_others()
     assert not (tmp_path / "answer.txt").exists()
@@ -117,7 +118,7 @@ def test_damaged_stamp_means_do_it_again(tmp_path: Path, stamp: str) -> None:
     for _ in range(2):
         folder = RunFolder(tmp_path)
         folder.save_config({})
-        folder.stage("one", inputs={}, build=make("x", calls))
+        folder.complete(Stage(name="one", inputs={}), make("x", calls))
         (tmp_path / ".stages" / "one.json").write_text(stamp)
     assert calls == ["x", "x"]
 
@@ -132,7 +133,7 @@ def test_stage_times_survive_a_skip(tmp_path: Path) -> None:
     for _ in range(2):
         folder = RunFolder(tmp_path)
         folder.save_config({})
-        folder.stage("one", inputs={}, build=make("x", []))
+        folder.complete(Stage(name="one", inputs={}), make("x", []))
     stamp = json.loads((tmp_path / ".stages" / "one.json").read_text())
     assert folder.times[0].wall_s == stamp["time"]["wall_s"]
 
@@ -146,17 +147,17 @@ def test_shares_of_a_stage_are_put_together_by_it(tmp_path: Path) -> None:
         return build
 
     for name in ("a", "b"):
-        RunFolder(tmp_path / "run").begin("look", inputs={}, build=share(name))
+        RunFolder(tmp_path / "run").begin(Stage(name="look", inputs={}), share(name))
     assert not (tmp_path / "run" / "a").exists()
     folder = RunFolder(tmp_path / "run")
     folder.save_config({})
-    folder.stage("look", inputs={}, build=share("c"))
+    folder.complete(Stage(name="look", inputs={}), share("c"))
     assert [(tmp_path / "run" / name).read_text() for name in "abc"] == ["a", "b", "c"]
 
     def never(_: Path) -> str:
         raise AssertionError
 
-    RunFolder(tmp_path / "run").begin("look", inputs={}, build=never)
+    RunFolder(tmp_path / "run").begin(Stage(name="look", inputs={}), never)
 
 
 def stamp_of(outputs: object, **more: object) -> str:
@@ -190,7 +191,7 @@ def test_a_stamp_that_names_anything_but_outputs_is_no_stamp(
     victim.mkdir()
     folder = RunFolder(root)
     folder.save_config({})
-    folder.stage("one", inputs={}, build=make("x", []))
+    folder.complete(Stage(name="one", inputs={}), make("x", []))
     (root / "a").write_text("")
     (root / "b").write_text("")
     (root / ".stages" / "one.json").write_text(stamp.replace("/VICTIM", str(victim)))
@@ -199,7 +200,7 @@ def test_a_stamp_that_names_anything_but_outputs_is_no_stamp(
     monkeypatch.setattr("geometry.removal.shutil.rmtree", removed.append)
     calls: list[str] = []
     folder = RunFolder(root)
-    folder.stage("one", inputs={}, build=make("again", calls))
+    folder.complete(Stage(name="one", inputs={}), make("again", calls))
     folder.withdraw_others()
     assert calls == ["again"]
     assert not [path for path in removed if root not in path.parents]
@@ -233,11 +234,11 @@ def test_an_output_that_became_a_link_to_elsewhere_is_refused(tmp_path: Path) ->
     victim.write_text("mine")
     folder = RunFolder(root)
     folder.save_config({})
-    folder.stage("one", inputs={}, build=make("x", []))
+    folder.complete(Stage(name="one", inputs={}), make("x", []))
     (root / "answer.txt").unlink()
     (root / "answer.txt").symlink_to(victim)
     with pytest.raises(BadInputError, match=r"answer\.txt: leads outside"):
-        RunFolder(root).stage("one", inputs={"v": 2}, build=make("y", []))
+        RunFolder(root).complete(Stage(name="one", inputs={"v": 2}), make("y", []))
     assert victim.read_text() == "mine"
 
 
@@ -252,14 +253,14 @@ def test_a_workshop_with_a_link_in_it_is_begun_anew(tmp_path: Path) -> None:
         raise RuntimeError
 
     with pytest.raises(RuntimeError):
-        folder.stage("one", inputs={}, build=plants_a_link)
+        folder.complete(Stage(name="one", inputs={}), plants_a_link)
 
     def writes(workshop: Path) -> str:
         (workshop / "frames").mkdir()
         (workshop / "frames" / "000000.png").write_text("")
         return "done"
 
-    RunFolder(root).stage("one", inputs={}, build=writes)
+    RunFolder(root).complete(Stage(name="one", inputs={}), writes)
     assert not list(victim.iterdir())
     assert (root / "frames" / "000000.png").is_file()
 
@@ -267,11 +268,11 @@ def test_a_workshop_with_a_link_in_it_is_begun_anew(tmp_path: Path) -> None:
 def test_a_stamp_that_was_never_finished_withdraws_nothing(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     folder.save_config({})
-    folder.stage("one", inputs={}, build=make("x", []))
+    folder.complete(Stage(name="one", inputs={}), make("x", []))
     stamp = tmp_path / ".stages" / "one.json"
     stamp.with_name(".one.123.partial.json").write_bytes(stamp.read_bytes())
     again = RunFolder(tmp_path)
-    again.stage("one", inputs={}, build=make("x", []))
+    again.complete(Stage(name="one", inputs={}), make("x", []))
     again.withdraw_others()
     assert (tmp_path / "answer.txt").exists()
 
@@ -281,7 +282,7 @@ def finish(root: Path, build=None, **inputs: object) -> RunFolder:
     folder = RunFolder(root)
     with folder.hold():
         folder.save_config({})
-        folder.stage("one", inputs=inputs, build=build or make("x", []))
+        folder.complete(Stage(name="one", inputs=inputs), build or make("x", []))
         folder.withdraw_others()
     return folder
 
@@ -471,9 +472,9 @@ def test_an_error_of_the_system_is_one_line_with_what_is_kept(tmp_path: Path, nu
     folder = RunFolder(tmp_path)
     with folder.hold():
         folder.save_config({})
-        folder.stage("one", inputs={}, build=make("x", []))
+        folder.complete(Stage(name="one", inputs={}), make("x", []))
         with pytest.raises(BadInputError) as caught:
-            folder.stage("two", after=("one",), inputs={}, build=breaks)
+            folder.complete(Stage(name="two", after=("one",), inputs={}), breaks)
     text = str(caught.value)
     assert "two failed" in text
     assert os.strerror(error) in text
@@ -504,7 +505,7 @@ def test_results_are_on_the_disk_before_they_are_in_their_place(
     folder = RunFolder(tmp_path)
     monkeypatch.setattr(os, "fsync", record_sync)
     monkeypatch.setattr(Path, "replace", record_move)
-    folder.stage("one", inputs={}, build=make("x", []))
+    folder.complete(Stage(name="one", inputs={}), make("x", []))
     moved = events.index("move answer.txt")
     assert events.index("sync answer.txt") < moved
     assert f"sync {tmp_path.name}" in events[moved:]
