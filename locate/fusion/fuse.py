@@ -7,7 +7,7 @@ from functools import partial, reduce
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.grid import EvidenceGrid
+from geometry.grid import EvidenceGrid, VoxelBox
 from locate.fusion.extract import drop_known, extract_plumes, find_far_columns
 from locate.fusion.search.columns import Columns
 from locate.fusion.search.fit import fit_columns
@@ -19,9 +19,9 @@ from locate.map.plume import Plume
 
 NULL_SHARE = 0.8
 """Share of fusion's time that the draws of chance take, for the progress that is reported."""
-GHOST_SHARE = 0.1
-"""What a plume leaves may have up to this share of its evidence, for the views agree on it by
-themselves; chosen by hand."""
+REMNANT_SHARE = 0.1
+"""Share of a plume's evidence that columns beside it may keep once it is masked out; chosen by
+hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,10 +50,10 @@ def fuse(
 ) -> FusionResult:
     """Finds the plumes that the summed evidence of all views supports.
 
-    A strong plume makes strong chance columns too. Once it is found and masked out, the level is
-    drawn anew. A column far from it may pass that with a tenth of its evidence at least, as what is
-    left of a strong plume agrees by itself. Several strong ones can hide each other so: where
-    `least_nats` states what clutter makes, all above that are masked out of the draws.
+    A strong plume makes the columns of chance strong too, so the level is drawn again once it is
+    found and masked out. Columns far from it that reach the new level are plumes as well if they
+    have at least a tenth of its evidence; weaker ones may be what masking left of it. Where
+    `least_nats` states what clutter makes, all far columns above it are masked out of that draw.
 
     Args:
         views: The evidence.
@@ -66,57 +66,103 @@ def fuse(
     if np.isnan(views.unit):
         return FusionResult(plumes=(), grid=None, threshold_nats=np.inf)
     rng = np.random.default_rng(seed)
-    draw_null = partial(
-        NullLevel.from_views,
-        box=views.volume(),
-        rng=rng,
-        most_false_alarm=most_false_alarm,
-        least_nats=least_nats,
+    threshold = _Threshold(
+        box=views.volume(), rng=rng, most_false_alarm=most_false_alarm, least_nats=least_nats
     )
-    drawn = null is None
+    # Columns: proposed by the summed grid, then fitted until they stand out most.
     proposals, grid = propose_columns(views, views.volume(), most=MOST_PROPOSALS)
-
-    def fit_proposals(rng: np.random.Generator) -> Columns:
-        contrast = partial(column_contrast, views)
-        return fit_columns(contrast, proposals.columns, views.unit, rng)
+    fit = partial(fit_columns, partial(column_contrast, views), proposals.columns, views.unit)
 
     def weakest_nats() -> float:
         # A search of its own: without it the random numbers that follow are the same.
-        columns = fit_proposals(np.random.default_rng(seed))
+        columns = fit(np.random.default_rng(seed))
         return weakest_candidate(column_evidence(views, columns), least_nats)
 
-    # 1. What chance makes of these views: the level that a plume must pass.
+    chance = null
+    if chance is None:
+        chance = threshold.draw_null(
+            views, lambda share: progress(NULL_SHARE * share), weakest_nats
+        )
+    level_nats = threshold.nats(chance)
+    columns = fit(rng)
+    plumes, masked = extract_plumes(views, columns, chance, level_nats, rng)
     if null is None:
-        null = draw_null(
+        plumes, level_nats = _add_far_plumes(
+            plumes, columns, views=views, masked=masked, threshold=threshold, level_nats=level_nats
+        )
+    progress(1.0)
+    return FusionResult(plumes=number_plumes(plumes), grid=grid, threshold_nats=level_nats)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Threshold:
+    """What a column needs to count as a plume: more than chance makes, and than clutter does.
+
+    Attributes:
+        box: The volume.
+        rng: Of the draws of chance.
+        most_false_alarm: As of `fuse`.
+        least_nats: Likewise.
+    """
+
+    box: VoxelBox
+    rng: np.random.Generator
+    most_false_alarm: float
+    least_nats: float
+
+    def draw_null(
+        self,
+        views: Views,
+        progress: Callable[[float], None] = lambda _share: None,
+        weakest_nats: Callable[[], float] = lambda: 0.0,
+    ) -> NullLevel:
+        """What chance makes of these views, as of `NullLevel.from_views`."""
+        return NullLevel.from_views(
             views,
-            progress=lambda share: progress(NULL_SHARE * share),
+            self.box,
+            self.rng,
+            progress=progress,
+            most_false_alarm=self.most_false_alarm,
+            least_nats=self.least_nats,
             weakest_nats=weakest_nats,
         )
-    level = max(null.threshold(most_false_alarm), least_nats)
 
-    # 2. Columns: proposed by the summed grid, then fitted until they stand out most.
-    columns = fit_proposals(rng)
+    def nats(self, null: NullLevel) -> float:
+        """The evidence that a column needs."""
+        return max(null.threshold(self.most_false_alarm), self.least_nats)
 
-    # 3. Plumes: the columns above the level, measured with the others masked out.
-    plumes, masked = extract_plumes(views, columns, null, level, rng)
 
-    # 4. The columns far from those plumes that may be plumes too.
-    strongest = float(column_evidence(views, columns).max(initial=0.0))
-    floor = max(least_nats, GHOST_SHARE * strongest)
-    far = find_far_columns(masked, columns, plumes, floor)
+def _add_far_plumes(
+    plumes: list[Plume],
+    columns: Columns,
+    *,
+    views: Views,
+    masked: Views,
+    threshold: _Threshold,
+    level_nats: float,
+) -> tuple[list[Plume], float]:
+    """The plumes, with those far from them that reach the level drawn without them; and the level.
 
-    # 5. The level without the plumes found, and the far columns held against it.
-    raised = bool(plumes) and level > least_nats
-    if drawn and (raised or (far and (plumes or least_nats))):
-        calm = reduce(mask_out, far, masked) if least_nats else masked
-        null = draw_null(calm, progress=lambda _share: None)
-        level = max(null.threshold(most_false_alarm), least_nats)
-        more, _ = extract_plumes(masked, far, null, max(level, floor), rng)
-        plumes += drop_known(more, plumes, views.unit)
-
-    # 6. The answer, strongest first.
-    progress(1.0)
-    return FusionResult(plumes=number_plumes(plumes), grid=grid, threshold_nats=level)
+    Args:
+        plumes: Found so far.
+        columns: All that were fitted.
+        views: The evidence.
+        masked: Without what the plumes explain.
+        threshold: What a column needs.
+        level_nats: That by which the plumes were found.
+    """
+    least_nats = threshold.least_nats
+    strongest_nats = float(column_evidence(views, columns).max(initial=0.0))
+    floor_nats = max(least_nats, REMNANT_SHARE * strongest_nats)
+    far = find_far_columns(masked, columns, plumes, floor_nats)
+    may_fall = bool(plumes) and level_nats > least_nats
+    if not may_fall and not (far and (plumes or least_nats)):
+        return plumes, level_nats
+    remaining = reduce(mask_out, far, masked) if least_nats else masked
+    null = threshold.draw_null(remaining)
+    level_nats = threshold.nats(null)
+    more, _ = extract_plumes(masked, far, null, max(level_nats, floor_nats), threshold.rng)
+    return plumes + drop_known(more, plumes, views.unit), level_nats
 
 
 def weakest_candidate(strengths: FloatArray, least_nats: float) -> float:
