@@ -73,12 +73,13 @@ def remove_recording(folder: Path, name: str) -> None:
     """Takes a recording out of every split of the dataset in FOLDER."""
     for path in folder.glob(f"*/{INDEX_NAME}"):
         index = read_index(path.parent)
-        if name in index.get("recordings", ()):
-            index["recordings"].remove(name)
-            write_index(path.parent, index)
-            for shard in path.parent.glob("shard_*.npz"):
-                if shard.stem.rpartition("_")[0] == f"shard_{name}":
-                    shard.unlink()
+        if name not in index.get("recordings", ()):
+            continue
+        index["recordings"].remove(name)
+        write_index(path.parent, index)
+        for shard in path.parent.glob("shard_*.npz"):
+            if shard.stem.rpartition("_")[0] == f"shard_{name}":
+                shard.unlink()
 
 
 def pairs_index(folder: Path, size_px: int) -> dict[str, Any]:

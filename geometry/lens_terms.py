@@ -191,13 +191,13 @@ def write_camera_block(camera: Camera) -> dict[str, Any]:
 def _refuse_nested_terms(block: Mapping[str, Any]) -> None:
     for key, value in block.items():
         inner = value if isinstance(value, list) and key != "frames" else [value]
-        for part in inner:
-            for name, term in part.items() if isinstance(part, dict) else ():
-                is_lens = name in INTRINSICS or name in ALIASES or speaks_of_lens(str(name))
-                if is_lens and not is_nothing(term):
-                    raise BadInputError(
-                        f"{key} holds {name}, which is read only beside frames or in a frame"
-                    )
+        nested = [term for part in inner if isinstance(part, dict) for term in part.items()]
+        for name, term in nested:
+            is_lens = name in INTRINSICS or name in ALIASES or speaks_of_lens(str(name))
+            if is_lens and not is_nothing(term):
+                raise BadInputError(
+                    f"{key} holds {name}, which is read only beside frames or in a frame"
+                )
 
 
 def _rename_aliases(block: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from lzma import LZMAError
 from pathlib import Path
 from typing import IO, Any, BinaryIO
-from zipfile import BadZipFile, ZipFile
+from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 from numpy.lib import format as npy
@@ -121,19 +121,24 @@ def _check_sizes(stream: BinaryIO) -> int:
     total = 0
     with ZipFile(stream) as archive:
         for entry in archive.infolist():
-            if not entry.filename.endswith(".npy"):
-                raise ValueError(f"{entry.filename} is no array")
-            if entry.file_size > DEFLATE_RATIO * entry.compress_size + DEFLATE_RATIO:
-                raise ValueError(f"{entry.filename} declares more than the file holds")
-            if entry.file_size > MOST_BYTES:
-                raise ValueError(f"{entry.filename} takes more than {MOST_BYTES // 2**20} MiB")
-            with archive.open(entry) as member:
-                declared = _array_bytes(member)
-                if member.tell() + declared != entry.file_size:
-                    raise ValueError(f"{entry.filename} has another size than it declares")
+            _check_entry(archive, entry)
             total += entry.file_size
     stream.seek(0)
     return total
+
+
+def _check_entry(archive: ZipFile, entry: ZipInfo) -> None:
+    name = entry.filename
+    if not name.endswith(".npy"):
+        raise ValueError(f"{name} is no array")
+    if entry.file_size > DEFLATE_RATIO * entry.compress_size + DEFLATE_RATIO:
+        raise ValueError(f"{name} declares more than the file holds")
+    if entry.file_size > MOST_BYTES:
+        raise ValueError(f"{name} takes more than {MOST_BYTES // 2**20} MiB")
+    with archive.open(entry) as member:
+        declared = _array_bytes(member)
+        if member.tell() + declared != entry.file_size:
+            raise ValueError(f"{name} has another size than it declares")
 
 
 def _array_bytes(member: IO[bytes]) -> int:

@@ -29,16 +29,22 @@ def main(_options: argparse.Namespace) -> None:
         with tempfile.TemporaryDirectory() as folder:
             path, kept = Path(folder) / "video.mp4", Path(folder) / "frames"
             kept.mkdir()
-            options = {"crf": "20", "preset": "veryfast"}
-            with open_video(path, size=(width, height), fps=30, options=options) as video:
-                for i in range(count):
-                    view = ground[200 + 3 * i : 200 + 3 * i + height, 6 * i : 6 * i + width]
-                    video.write(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR))
+            write_flight(path, ground, (width, height), count)
             start = time.process_time()
             frames = select_frames(open_recording(path, max_side=1280), kept, max_frames=120)
             spent = (time.process_time() - start) / count
             rate = path.stat().st_size * 8 * 30 / count / 1e6
             print(f"{width}x{height} | {count} | {rate:.1f} | {len(frames)} | {spent:.3f}")
+
+
+def write_flight(path: Path, ground: GreyImage, size: tuple[int, int], count: int) -> None:
+    """Writes a video of `count` frames of a camera that moves evenly over the ground."""
+    width, height = size
+    options = {"crf": "20", "preset": "veryfast"}
+    with open_video(path, size=size, fps=30, options=options) as video:
+        for i in range(count):
+            view = ground[200 + 3 * i : 200 + 3 * i + height, 6 * i : 6 * i + width]
+            video.write(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR))
 
 
 def texture(rng: np.random.Generator) -> GreyImage:

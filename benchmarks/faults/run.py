@@ -43,12 +43,13 @@ def main(options: argparse.Namespace) -> None:
         whole = Whole.make(Path(work))
         print("| fault | tried | survived | lost |\n|---|---|---|---|", flush=True)
         for name, disturb in (KINDS | {AT_RANDOM: kill}).items():
-            if options.only in name:
-                amount = amounts.get(disturb, options.tries)
-                tried = lost = 0
-                for loss in disturb(whole, Path(work) / "out", amount):
-                    tried += 1
-                    lost += bool(loss)
-                    if loss:
-                        print(f"    {name}: {loss}", file=sys.stderr, flush=True)
-                print(f"| {name} | {tried} | {tried - lost} | {lost} |", flush=True)
+            if options.only not in name:
+                continue
+            amount = amounts.get(disturb, options.tries)
+            tried = lost = 0
+            for loss in disturb(whole, Path(work) / "out", amount):
+                tried += 1
+                lost += bool(loss)
+                if loss:
+                    print(f"    {name}: {loss}", file=sys.stderr, flush=True)
+            print(f"| {name} | {tried} | {tried - lost} | {lost} |", flush=True)

@@ -16,14 +16,18 @@ from detect.scores import auroc
 from detect.synthesis import Sample, Shard
 from detect.synthesis.own_images import HALF_SCALE, sample_hazy_images, sample_own_images
 from geometry.arrays import GreyImage
+from geometry.atomic import atomic_path
 
 HELD_OUT = 5
 """Of so many images, one is not learned from."""
 CROPS_PER_MINUTE, STEPS_PER_MINUTE = 300, 500
+"""About what a thread of an ordinary processor does."""
 SAMPLES = 16
+"""Samples of each set that a network is watched, calibrated or scored by."""
 WHOLE_PX = 512
 """Larger than what is learned from: what it learned of the edges of samples must not count."""
 THINNED = 5
+"""Of so many rows and columns of pixels, one is scored: neighbours say the same."""
 NO_EVIDENCE = Calibration(scores=SCORES, scales={})
 """Of a network that learned from one image: its noise is a part of what it knows, and samples of
 that same image would call evidence what is other noise."""
@@ -99,59 +103,63 @@ def adapt(
 
     SingleFrameEstimator(start)
     learned, held = divided(images)
-    crops = max(round(minutes * CROPS_PER_MINUTE / 2), 1)
-    haze = sample_hazy_images(
-        learned,
-        crops,
-        seed=seed,
-        scale=HALF_SCALE,
-        progress=lambda share: report("samples", share / 2),
-    )
-    plumes = sample_own_images(
-        learned,
-        crops,
-        seed=seed + 1,
-        scale=HALF_SCALE,
-        progress=lambda share: report("samples", (1 + share) / 2),
-    )
-    report("samples", 1)
-    unfinished = path.with_name(f".{path.name}.partial")
+    haze, plumes = _draw_samples(learned, minutes, seed, report)
     watched = sample_own_images(held, SAMPLES, seed=seed + 2, scale=HALF_SCALE)
-    steps = max(round(minutes * STEPS_PER_MINUTE), 2)
-    data = f"{len(learned)} images of its user"
-    try:
+    with atomic_path(path) as unfinished:
         fine_tune(
             start,
             haze,
             plumes,
             watched,
             unfinished,
-            steps=steps,
-            data=data,
+            steps=max(round(minutes * STEPS_PER_MINUTE), 2),
+            data=f"{len(learned)} images of its user",
             metadata={"scale": str(HALF_SCALE), "calibration": json.dumps(NO_EVIDENCE.to_plain())},
             report=report,
         )
         report("calibration", 0)
-        calibration = NO_EVIDENCE
-        if held is not learned:
-            reference = sample_own_images(
-                held, SAMPLES, seed=seed + 3, scale=1, largest_px=WHOLE_PX
-            )
-            repeats = -(-SAMPLES // len(held))
-            calibration = calibrate(unfinished, chain(each(reference), as_they_are(held, repeats)))
+        is_single = held is learned
+        calibration = NO_EVIDENCE if is_single else _calibrate_on(unfinished, held, seed + 3)
         scored = sample_own_images(held, SAMPLES, seed=seed + 4, scale=1, largest_px=WHOLE_PX)
         answer = Adapted(
             learned=len(learned),
-            held_out=0 if held is learned else len(held),
+            held_out=0 if is_single else len(held),
             before=score(start, each(scored)),
             after=score(unfinished, each(scored)),
             reliable_classes=tuple(calibration.scales),
         )
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
     report("calibration", 1)
     return answer
+
+
+def _draw_samples(
+    images: Sequence[GreyImage], minutes: float, seed: int, report: Report
+) -> tuple[Shard, Shard]:
+    """What is learned from: samples with haze, and samples with plumes."""
+    crops = max(round(minutes * CROPS_PER_MINUTE / 2), 1)
+    haze = sample_hazy_images(
+        images,
+        crops,
+        seed=seed,
+        scale=HALF_SCALE,
+        progress=lambda share: report("samples", share / 2),
+    )
+    plumes = sample_own_images(
+        images,
+        crops,
+        seed=seed + 1,
+        scale=HALF_SCALE,
+        progress=lambda share: report("samples", (1 + share) / 2),
+    )
+    report("samples", 1)
+    return haze, plumes
+
+
+def _calibrate_on(weights: Path, images: Sequence[GreyImage], seed: int) -> Calibration:
+    """Calibrates a network's file on images that it has not learned from."""
+    plumes = sample_own_images(images, SAMPLES, seed=seed, scale=1, largest_px=WHOLE_PX)
+    repeats = -(-SAMPLES // len(images))
+    return calibrate(weights, chain(each(plumes), as_they_are(images, repeats)))
 
 
 def divided(images: Sequence[GreyImage]) -> tuple[Sequence[GreyImage], Sequence[GreyImage]]:

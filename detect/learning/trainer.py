@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -33,7 +33,7 @@ from geometry.errors import BadInputError
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
 BETAS = (0.9, 0.999)
 NORM_BATCHES = 4
-"""Of which the BatchNorms of an exported network, folded away, get their statistics anew."""
+"""Batches by which an exported network, whose BatchNorms were folded away, gets them back."""
 Report = Callable[[str, float], None]
 
 
@@ -81,7 +81,7 @@ def _naming_lack_of_memory(folder: Path) -> Iterator[None]:
 
 @dataclass(kw_only=True)
 class TrainingRun:
-    """A network on its way.
+    """A training under way: the network and its optimiser, changed by each step.
 
     Attributes:
         config: The schedule.
@@ -104,7 +104,7 @@ class TrainingRun:
     @classmethod
     def begin(
         cls, config: TrainConfig, folder: Path, initial: Mapping[str, Any] | None = None
-    ) -> "TrainingRun":
+    ) -> Self:
         """Fresh weights, those that `config` begins with, or those of FOLDER's checkpoint.
 
         Samples are not read, so that they need not be there yet. Arguments and errors are those of
@@ -142,11 +142,14 @@ class TrainingRun:
                 pools = self._load_pools(stage, pools)
                 batches = StageBatches(self.config, stage, pools)
                 with _naming_lack_of_memory(self.folder):
-                    if self.step == 0 and _is_exported(self.config.initial):
-                        images = [batches[step].image for step in range(NORM_BATCHES)]
-                        begun = torch.from_numpy(np.concatenate(images)).to(self.device)
-                        revive_norms(self.network, begun)
+                    self._revive_norms(batches)
                     self._run_stage(first, stage, batches, pools[self.config.validation], report)
+
+    def _revive_norms(self, batches: StageBatches) -> None:
+        """Gives an exported network, before its first step, the BatchNorms that it lost."""
+        if self.step == 0 and _is_exported(self.config.initial):
+            images = [batches[step].image for step in range(NORM_BATCHES)]
+            revive_norms(self.network, torch.from_numpy(np.concatenate(images)).to(self.device))
 
     def _run_stage(
         self,

@@ -96,12 +96,10 @@ def _paint_windows(image: GreyImage, rng: np.random.Generator, unit: float) -> N
         for y in np.arange(top, side, step[1]):
             _fill_box(image, x, y, width, height, frame)
             _fill_box(image, x - bar, y + height, width + 2 * bar, bar, sill)
-            for i in range(columns):
-                for j in range(rows):
-                    corner = x + bar + i * (pane[0] + bar), y + bar + j * (pane[1] + bar)
-                    _fill_box(
-                        image, *corner, *pane, np.clip(glass + rng.normal(0, 8), BLACK, WHITE)
-                    )
+            for i, j in np.ndindex(columns, rows):
+                corner = x + bar + i * (pane[0] + bar), y + bar + j * (pane[1] + bar)
+                tone = np.clip(glass + rng.normal(0, 8), BLACK, WHITE)
+                _fill_box(image, *corner, *pane, tone)
 
 
 def _paint_pipes(image: GreyImage, rng: np.random.Generator, unit: float) -> None:

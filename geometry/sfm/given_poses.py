@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -188,14 +189,11 @@ def _angles_between(a: FloatArray, b: FloatArray) -> FloatArray:
 def _match_frames(images: Sequence[GreyImage]) -> Iterator[tuple[int, int, FloatArray]]:
     """Rows of two frames and (M, 2, 2) verified matches: match, frame, (x, y)."""
     sift = cv2.SIFT.create(MAX_FEATURES)
+    features_of = cache(lambda row: _find_features(sift, images[row]))
     count = len(images)
-    found: dict[int, tuple[FloatArray, FloatArray]] = {}
     for first in np.unique(np.linspace(0, max(count - 2, 0), ANCHORS).astype(int)).tolist():
         for second in (first + step for step in STEPS if first + step < count):
-            for row in (first, second):
-                if row not in found:
-                    found[row] = _find_features(sift, images[row])
-            pixels = _match_pair(found[first], found[second])
+            pixels = _match_pair(features_of(first), features_of(second))
             if len(pixels) >= MIN_MATCHES:
                 yield first, second, pixels
 

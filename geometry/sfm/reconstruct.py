@@ -294,21 +294,7 @@ def _finish_reconstruction(
         model, ids, job.indices[rows], job.times_s[rows], errors.pose_covariances(ids)
     )
     report = summary.quality_report(model, trajectory, points, visible)
-    report |= {
-        "method": solution.method,
-        "tied_by": tied_by,
-        "tracks_lost": None,
-        "registered_share": len(ids) / len(job.names),
-        "registered_frames": len(ids),
-        "second_opinion_center_share": solution.difference.center_share,
-        "second_opinion_rotation_deg": solution.difference.rotation_deg,
-        "second_opinion_frames": solution.difference.count,
-        "epipolar_support": _epipolar_support(model, job),
-        "focal_prior_px": job.focal_prior_px,
-        "residual_sigma_px": errors.residual_sigma_px,
-        "focal_sigma_px": errors.focal_sigma_px if job.refine else None,
-        "up_from": up_source,
-    }
+    report |= _report_of(job, solution, errors, tied_by) | {"up_from": up_source}
     checks.check_quality(report, ordered=job.ordered)
     folder = job.workdir / "model"
     folder.mkdir(exist_ok=True)
@@ -321,6 +307,27 @@ def _finish_reconstruction(
         visible=visible,
         report={key: _finite_or_none(value) for key, value in report.items()},
     )
+
+
+def _report_of(
+    job: MappingJob, solution: _MappedModel, errors: AdjustmentErrors, tied_by: TiedBy
+) -> dict[str, Any]:
+    """How the model was found, and how well its methods, its matches and its residuals agree."""
+    registered = solution.model.num_reg_images()
+    return {
+        "method": solution.method,
+        "tied_by": tied_by,
+        "tracks_lost": None,
+        "registered_share": registered / len(job.names),
+        "registered_frames": registered,
+        "second_opinion_center_share": solution.difference.center_share,
+        "second_opinion_rotation_deg": solution.difference.rotation_deg,
+        "second_opinion_frames": solution.difference.count,
+        "epipolar_support": _epipolar_support(solution.model, job),
+        "focal_prior_px": job.focal_prior_px,
+        "residual_sigma_px": errors.residual_sigma_px,
+        "focal_sigma_px": errors.focal_sigma_px if job.refine else None,
+    }
 
 
 def _finite_or_none(value: Any) -> Any:

@@ -120,12 +120,13 @@ def write_tracks(
             if first == 0:
                 on_share(done / len(pairs))
             geometry = _pair_geometry(camera, tracked[first], tracked[second], matches)
-            if geometry is not None:
-                seen.add((first, second))
-                both = [matches]
-                if (first, second) in far.pairs:
-                    both.append(_behind_tracks(far, tracked, first, second))
-                _write_pair(db, ids[first], ids[second], np.concatenate(both), geometry)
+            if geometry is None:
+                continue
+            seen.add((first, second))
+            both = [matches]
+            if (first, second) in far.pairs:
+                both.append(_behind_tracks(far, tracked, first, second))
+            _write_pair(db, ids[first], ids[second], np.concatenate(both), geometry)
         for (first, second), (_, geometry) in far.pairs.items():
             if (first, second) not in seen:
                 matches = _behind_tracks(far, tracked, first, second)

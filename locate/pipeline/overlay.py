@@ -24,6 +24,8 @@ SHORT_S = 60.0
 MOST_WIDTH = 960
 """Of the video, px."""
 FASTEST_FPS = 30.0
+FARTHEST_PX = 1e5
+"""From the image; what lies farther out is not drawn, as OpenCV's coordinates are bounded."""
 CODING = {"crf": "27", "preset": "veryfast", "rc-lookahead": "0"}
 """About 1 MB for 100 frames; looking ahead, x264 reads memory that it never wrote."""
 
@@ -69,8 +71,7 @@ def write_overlay(
                 label += ", not measured"
             picture = picture.copy()
             if trajectory is not None:
-                for plume in plume_map.plumes:
-                    _draw_outline(picture, plume, trajectory, row)
+                _draw_outlines(picture, plume_map.plumes, trajectory, row)
             _draw_sources(picture, posed, row, plume_map)
             small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
             video.write(add_label(np.asarray(small, dtype=np.uint8), label))
@@ -84,19 +85,22 @@ def _frames_per_second(posed: PosedFrames, key_frames: KeyFrames) -> float:
     return float(np.clip(1 / max(spacing_s, 1e-3), PHOTOS_FPS, FASTEST_FPS))
 
 
-def _draw_outline(picture: Picture, plume: Plume, trajectory: Trajectory, row: int) -> None:
-    """The outline of a plume's surface, where all of it is before the camera."""
-    pixels = trajectory.project(row, plume_surface(plume)[0])
-    if len(pixels) < 3 or not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
-        return
-    outline = cv2.convexHull(np.rint(pixels).astype(np.int32))
-    cv2.polylines(picture, [outline], True, _plume_bgr(plume.id), _stroke(picture), cv2.LINE_AA)
+def _draw_outlines(
+    picture: Picture, plumes: Iterable[Plume], trajectory: Trajectory, row: int
+) -> None:
+    """The outlines of the plumes' surfaces, of those that are before the camera as a whole."""
+    for plume in plumes:
+        pixels = trajectory.project(row, plume_surface(plume)[0])
+        if len(pixels) < 3 or not np.isfinite(pixels).all() or np.abs(pixels).max() > FARTHEST_PX:
+            continue
+        outline = cv2.convexHull(np.rint(pixels).astype(np.int32))
+        cv2.polylines(picture, [outline], True, _plume_bgr(plume.id), _stroke(picture), cv2.LINE_AA)
 
 
 def _draw_sources(picture: Picture, posed: PosedFrames, row: int, plume_map: PlumeMap) -> None:
     places = source_px(posed, row, plume_map)
     for number, (x, y) in enumerate([] if places is None else places, start=1):
-        if np.isfinite([x, y]).all() and max(abs(x), abs(y)) < 1e5:
+        if np.isfinite([x, y]).all() and max(abs(x), abs(y)) < FARTHEST_PX:
             center, radius = (round(float(x)), round(float(y))), picture.shape[1] // 60
             cv2.circle(picture, center, radius, _plume_bgr(number), _stroke(picture), cv2.LINE_AA)
 

@@ -43,6 +43,7 @@ GEOREFERENCED = {
 PAGE_PARTS = ("page", "report")
 """Folders of the package's data that the report is made of."""
 REACH_RADII = 1.5
+"""Distance from the axis, in radii of the plume, up to which voxels are its own."""
 
 
 def publish(
@@ -66,15 +67,7 @@ def publish(
     """
     plume_map = PlumeMap.load(files.map)
     voxels = plume_voxels(files.evidence, plume_map)
-    write_plumes_ply(
-        target.plume_points,
-        points_in_world=voxels[:, :3],
-        probability=voxels[:, 3],
-        displacement_px=voxels[:, 4],
-    )
-    if plume_map.georeference is not None:
-        for name, write in GEOREFERENCED.items():
-            write(target.root / name, plume_map)
+    _write_plumes(plume_map, voxels, target)
     _, indices, detections = load_detections(files.detections)
     measured = dict(zip(posed.rows_of(indices).tolist(), detections, strict=True))
     recording = source.open_frames()
@@ -97,8 +90,6 @@ def publish(
             voxels_in_world=voxels[:, :3],
             voxel_probability=voxels[:, 3],
         )
-    config = source.config
-    settings = config.to_plain() | asdict(config.amounts) | {"version": __version__}
     write_report(
         target.report,
         plume_map=plume_map,
@@ -119,12 +110,31 @@ def publish(
         ],
         video=target.overlay.name if target.overlay.exists() else None,
         stages=stages,
-        settings={name: str(value) for name, value in settings.items() if value is not None},
+        settings=_stated_settings(source.config),
     )
     written = f"{target.report.name}, {target.plume_points.name}"
     if source.config.poses is None and _write_bag(source, key_frames, plume_map, target.plume_bag):
         written += ", plumes.mcap"
     return written
+
+
+def _write_plumes(plume_map: PlumeMap, voxels: FloatArray, target: RunFiles) -> None:
+    """Writes the plumes as points, and for maps of the Earth where their place there is known."""
+    write_plumes_ply(
+        target.plume_points,
+        points_in_world=voxels[:, :3],
+        probability=voxels[:, 3],
+        displacement_px=voxels[:, 4],
+    )
+    if plume_map.georeference is not None:
+        for name, write in GEOREFERENCED.items():
+            write(target.root / name, plume_map)
+
+
+def _stated_settings(config: RunConfig) -> dict[str, str]:
+    """The settings that the report lists."""
+    settings = config.to_plain() | asdict(config.amounts) | {"version": __version__}
+    return {name: str(value) for name, value in settings.items() if value is not None}
 
 
 def publish_inputs(config: RunConfig) -> dict[str, Any]:

@@ -88,6 +88,18 @@ def _finish_job(job: Callable[[Any], Any], item: Any, before: Sequence[str | Non
     )
 
 
+def _result_of_deadly(job: Callable[[Item], Result], item: Item, error: Exception) -> Result:
+    """The result of an item that ends the workers at it.
+
+    Raises:
+        BadInputError: The job has no result for such items.
+    """
+    if not isinstance(job, DividedJob):
+        raise BadInputError(f"{item}: {DEADLY}") from error
+    result: Result = job.failed_result(item, DEADLY)
+    return result
+
+
 def _first_reason(reasons: Sequence[str | None]) -> str | None:
     return next((why for why in reasons if why is not None), None)
 
@@ -154,9 +166,7 @@ def _gather_results(
             try:
                 result = _submit_parts(submit, job, item).result()
             except KilledWorker as error:
-                if not isinstance(job, DividedJob):
-                    raise BadInputError(f"{item}: {DEADLY}") from error
-                result = job.failed_result(item, DEADLY)
+                result = _result_of_deadly(job, item, error)
             yield item, result
     except (CancelledError, CommClosedError) as error:
         raise BadInputError(

@@ -55,12 +55,7 @@ class FetchJob:
             if files.isdir(root):
                 pull_folder(files, root, target / PurePosixPath(root).name)
             else:
-                stem = PurePosixPath(root).stem.lower()
-                beside = {stem + suffix for suffix in SIDECARS}
-                for path in files.ls(str(PurePosixPath(root).parent), detail=False):
-                    name = PurePosixPath(path).name
-                    if name == PurePosixPath(root).name or name.lower() in beside:
-                        _pull_file(files, path, files.size(path), path_inside(target, name))
+                _pull_with_telemetry(files, PurePosixPath(root), target)
         found = target / PurePosixPath(root).name
         if not found.exists():
             raise BadInputError(f"{address}: nothing is there")
@@ -125,6 +120,15 @@ def pull_folder(files: Any, root: str, target: Path) -> None:
         for path, about in files.find(root, detail=True).items():
             inside = path_inside(target, str(PurePosixPath(path).relative_to(root)))
             _pull_file(files, path, about["size"], inside)
+
+
+def _pull_with_telemetry(files: Any, recording: PurePosixPath, target: Path) -> None:
+    """Copies a recording here, and the files beside it that may be its telemetry."""
+    beside = {recording.stem.lower() + suffix for suffix in SIDECARS}
+    for path in files.ls(str(recording.parent), detail=False):
+        name = PurePosixPath(path).name
+        if name == recording.name or name.lower() in beside:
+            _pull_file(files, path, files.size(path), path_inside(target, name))
 
 
 def push_folder(folder: Path, files: Any, root: str) -> None:

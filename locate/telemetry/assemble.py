@@ -77,8 +77,8 @@ def track_from_columns(
 
     Values that cannot be (latitude 999, the null island of a receiver without fix) become NaN;
     records that hold nothing go; so do positions that no vehicle gets to from their neighbours.
-    Where there are no `names` the records are put in the order of
-    their ``times_s``, or of ``clock_s`` counted from the first.
+    Where there are no `names` the records are put in the order of their ``times_s``, or of
+    ``clock_s`` counted from the first.
 
     Args:
         path: The file.
@@ -95,9 +95,7 @@ def track_from_columns(
     """
     n = max((len(values) for values in columns.values()), default=0)
     clean = {key: _clean_column(key, columns.get(key), n) for key in (*COLUMNS, "times_s")}
-    nowhere = ~np.isfinite(clean["latitude_deg"] + clean["longitude_deg"])
-    nowhere |= (clean["latitude_deg"] == 0) & (clean["longitude_deg"] == 0)
-    clean["latitude_deg"][nowhere] = clean["longitude_deg"][nowhere] = np.nan
+    nowhere = _blank_null_island(clean)
     if not np.nan_to_num(clean["altitude_m"]).any():  # some write zero where they know nothing
         clean["altitude_m"] = clean["height_m"].copy()
         known = np.isfinite(clean["height_m"]).any()
@@ -116,15 +114,7 @@ def track_from_columns(
     if times_s is not None:
         rows = rows[np.argsort(times_s[rows], kind="stable")]
         times_s = times_s[rows]
-    lost = int(nowhere[rows].sum())
-    notes = [*disorder, *warnings]
-    if lost:
-        notes.append(f"{path.name}: {lost} of {len(rows)} records have no position")
-    if len(rows) < n:
-        notes.append(
-            f"{path.name}: {n - len(rows)} of {n} records were left out: "
-            "nothing in them, no time, or the time of another"
-        )
+    notes = [*disorder, *warnings, *_missing_notes(path, int(nowhere[rows].sum()), len(rows), n)]
     taken = {key: clean[key][rows] for key in COLUMNS}
     photos = () if names is None else tuple(names[int(i)] for i in rows)
     latitude_deg, longitude_deg = taken["latitude_deg"], taken["longitude_deg"]
@@ -142,6 +132,28 @@ def track_from_columns(
         names=photos,
         warnings=tuple(notes),
     )
+
+
+def _blank_null_island(columns: dict[str, FloatArray]) -> BoolArray:
+    """(N,) which records have no position; those at 0, 0 lose it, in place."""
+    latitude_deg, longitude_deg = columns["latitude_deg"], columns["longitude_deg"]
+    nowhere = ~np.isfinite(latitude_deg + longitude_deg)
+    nowhere |= (latitude_deg == 0) & (longitude_deg == 0)
+    latitude_deg[nowhere] = longitude_deg[nowhere] = np.nan
+    return nowhere
+
+
+def _missing_notes(path: Path, lost: int, kept: int, total: int) -> list[str]:
+    """Notes on the records without a position among those kept, and on those left out."""
+    notes = []
+    if lost:
+        notes.append(f"{path.name}: {lost} of {kept} records have no position")
+    if kept < total:
+        notes.append(
+            f"{path.name}: {total - kept} of {total} records were left out: "
+            "nothing in them, no time, or the time of another"
+        )
+    return notes
 
 
 def _clean_column(key: str, values: FloatArray | None, n: int) -> FloatArray:

@@ -97,8 +97,8 @@ def read_gpmf(path: Path) -> TelemetryTrack | None:
             for stream in parse_streams(content):
                 datums.add(_datum(stream))
                 found = _gps9_records(stream) if b"GPS9" in stream else _gps5_records(stream)
-                for i, record in enumerate(found):
-                    records.append(record | {"times_s": time_s + length_s * i / len(found)})
+                times_s = [time_s + length_s * i / len(found) for i in range(len(found))]
+                records += [r | {"times_s": t} for r, t in zip(found, times_s, strict=True)]
             if len(records) > MOST_SAMPLES:
                 raise BadInputError(f"{path}: over {MOST_SAMPLES} GPS samples; cut the video")
     if not packets:
