@@ -1,5 +1,7 @@
 """Scale, up and place of simulated flights: real structure from motion, drawn fixes.
 
+    python -m benchmarks.georeference placing CAMPAIGN RUNS [--draws 25]
+
 CAMPAIGN is a folder of `locate simulate`, RUNS one of run folders with the flights' names
 (`flights/` of a survey). Each reconstruction is placed again with so many receivers. Per flight and
 receiver: medians of the errors of scale and up, the share within 0.5 % and 0.5 degrees, and the

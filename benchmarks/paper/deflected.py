@@ -1,5 +1,8 @@
 """Experiment 2: a camera at rest, one frame beside two.
 
+    OMP_NUM_THREADS=1 python -m benchmarks.paper deflected [--picture PICTURE]
+
+Prints a row for each flow and method, and draws the last frame of each flow.
 The single frame is compared with Horn-Schunck against the mean of 50 frames. Plumes before a
 sinusoid of 8 px are deflected by wind and by a plate. The plate is present in the reference, or was
 moved since by 3 px along each axis, or came in later.
@@ -28,7 +31,7 @@ def deflected(detector: DybsDetector) -> list[np.ndarray]:
     print(HEADER.format(what="flow | method").replace("|---", "|---|---", 1))
     strips = []
     for setup in SETUPS:
-        told: dict[str, list[AnsweredFrame]] = {"two frames": [], "dybs": []}
+        answered: dict[str, list[AnsweredFrame]] = {"two frames": [], "dybs": []}
         for reference, image, truth, covered in film_setup(setup):
             frames = Frames(images=[image])
             held = covered.astype(np.uint8)
@@ -39,14 +42,14 @@ def deflected(detector: DybsDetector) -> list[np.ndarray]:
                 ("dybs", detector),
             ):
                 answer = method.detect(frames, 0)
-                told[name].append(
+                answered[name].append(
                     AnsweredFrame(
                         image=image, truth=truth, answer=answer, counts=~covered, beside=near
                     )
                 )
-        for name, frames_seen in told.items():
+        for name, frames_seen in answered.items():
             print(f"| {setup.name} | {name} | {score_row(frames_seen)} |", flush=True)
-        last = {name: seen[-1] for name, seen in told.items()}
+        last = {name: seen[-1] for name, seen in answered.items()}
         answers = [last[name].answer.displacement for name in ("dybs", "two frames")]
         strips.append(draw_strip(last["dybs"].image, last["dybs"].truth, *answers, side=240))
     return strips

@@ -1,5 +1,8 @@
 """Experiment 3: a camera in the hand.
 
+    OMP_NUM_THREADS=1 python -m benchmarks.paper moving [--picture PICTURE]
+
+Prints a row for each scene, and draws one frame of each.
 It walks past a wall of vertical waves, of a grid of squares, which no training sample shows, and
 round a plant of brick, concrete and gravel; once with an exposure of 20 ms, otherwise without
 motion blur.

@@ -1,5 +1,8 @@
 """How the arc of the camera's path decides how well a source is placed in depth.
 
+    python -m benchmarks.pictures arcs -o docs/images/arcs.svg
+
+Prints the sigmas in depth and sideways of each arc.
 Seen from above: a camera on an arc around a source, and the 2-sigma ellipse of the point that its
 rays agree on. Four independent views, 8.5 m away, a focal length of 560 px, and an axis that is
 measured to 8 px in each: bearings alone, so it says how the arc counts, not what a run reaches.

@@ -1,5 +1,7 @@
 """What the stages of a run see: a frame, its displacement, its evidence, and the sum over views.
 
+    python -m benchmarks.pictures chain out/demo -o docs/images/chain.jpg
+
 Takes the folder of a run that found a plume, such as that of `locate demo`. The last panel is the
 summed evidence from above, with the cameras (blue), the source and its 2-sigma ellipse (white).
 """

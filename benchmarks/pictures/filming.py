@@ -1,5 +1,7 @@
 """One leak filmed well and in five ways that hide it: what the registered detector sees.
 
+    python -m benchmarks.pictures filming -o docs/images/filming.jpg
+
 Each is 24 frames of 320x240 on an arc of 40 degrees around the pipe rack of
 `examples/scenes/pipe_rack_leak.yaml`, with true poses. The evidence of the middle frame is laid
 over it; the numbers are the share of the leak's pixels (above 0.3 px, of 1 px at its 95th

@@ -1,4 +1,9 @@
-"""Runs each recording as it is, then renders the plumes onto it; keeps what the folder holds."""
+"""Runs each recording as it is, then renders the plumes onto it; keeps what the folder holds.
+
+    python -m benchmarks.real_frames film [RECORDING...] --work work/real_frames
+
+Prints what each run found, and the CPU seconds of each rendering.
+"""
 
 import argparse
 import time

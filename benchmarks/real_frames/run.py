@@ -1,4 +1,9 @@
-"""Runs `locate run` on every case that was filmed, and scores it; done cases are skipped."""
+"""Runs `locate run` on every case that was filmed, and scores it; done cases are skipped.
+
+    python -m benchmarks.real_frames run [RECORDING...] --work work/real_frames [--poses film]
+
+Prints a line for each case: what was found, and how well.
+"""
 
 import argparse
 import time

@@ -1,9 +1,11 @@
 """What was found, by recording and strength, as a table and as scores.jsonl.
 
+    python -m benchmarks.real_frames table [RECORDING...] --work work/real_frames
+
 found, error, false  as `locate evaluate`: a source within 15 % of its range; median error in % of
                      range; plumes and directions that are none
 stated limit         detection_limit_px, median; in brackets how many of the maps state one
-mean inside          mean true displacement inside the plume, median frame: a limit is told in this
+mean inside          mean true displacement inside the plume, median frame; limits are stated so
 silent frames        share of the measured frames without any evidence
 sigma                median over frames of the median sigma of what was measured
 informed / true      size of the true displacement by the normal equations that the detector keeps,

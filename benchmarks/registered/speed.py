@@ -1,4 +1,9 @@
-"""CPU time of the network and of a key frame; give it one thread."""
+"""CPU time of the network, and of a key frame of a finished run.
+
+    OMP_NUM_THREADS=1 python -m benchmarks.registered speed NETWORK.onnx [--run RUN]
+
+Prints the least and the median CPU ms of each.
+"""
 
 import argparse
 from collections.abc import Callable

@@ -1,4 +1,9 @@
-"""Both contenders on the test clips that `render` made, by strength and noise."""
+"""Both contenders on the test clips that `render` made, by strength and noise.
+
+    OMP_NUM_THREADS=1 python -m benchmarks.registered table NETWORK.onnx FOLDER
+
+Prints a table of scores, and the reliability of the evidence.
+"""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,9 @@
-"""Renders the recordings and measures their key frames; keeps what the work folder holds."""
+"""Renders the recordings and measures their key frames; keeps what the work folder holds.
+
+    python -m benchmarks.reliability film --work work/stated [--flows K...]
+
+Prints the seed of each recording that is done.
+"""
 
 import argparse
 

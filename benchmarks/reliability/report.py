@@ -1,4 +1,9 @@
-"""The shares that are true by what was stated: tables, and a picture with `--plot`."""
+"""The shares that are true by what was stated.
+
+    python -m benchmarks.reliability report --work work/stated [--plot reliability.png]
+
+Prints the tables; `--plot` draws a picture of them.
+"""
 
 import argparse
 from pathlib import Path
@@ -21,7 +26,7 @@ def main(options: argparse.Namespace) -> None:
     paths = [options.work / f"{seed}.json" for seed in chosen(options)]
     every = [RecordingOutcome.load(path) for path in paths if path.exists()]
     if not every:
-        raise BadInputError(f"{options.work}: nothing judged there yet; run film and judge first")
+        raise BadInputError(f"{options.work}: no scores there yet; run film and score first")
     print(report(every))
     if options.plot:
         cv2.imwrite(str(options.plot), picture(every))

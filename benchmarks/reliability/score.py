@@ -1,6 +1,9 @@
 """Writes what a run would state of each recording.
 
-Keeps what is present in the work folder: delete `*.json` there when the method has changed.
+    python -m benchmarks.reliability score --work work/stated [--flows K...]
+
+Prints the seed and the outcome of each. Keeps what is present in the work folder: delete `*.json`
+there when the method has changed.
 """
 
 import argparse

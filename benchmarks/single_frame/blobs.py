@@ -1,4 +1,10 @@
-"""What the default mask holds on photos without a plume that nothing was trained on."""
+"""What the default mask holds on photos without a plume that nothing was trained on.
+
+    python -m benchmarks.single_frame blobs --networks A.onnx --photos PHOTOS [--others FOLDERS]
+
+Prints for each network and group of photos (the test split of PHOTOS, each folder in FOLDERS) how
+many connected parts the masks have, and the mean share of pixels with evidence.
+"""
 
 import argparse
 from pathlib import Path
@@ -19,7 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    """What the default mask holds on photos without a plume that nothing was trained on."""
     groups = {"photos of the test split": list(find_photos(options.photos, "test"))}
     for folder in sorted(options.others.iterdir()) if options.others else []:
         found = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in {".jpg", ".png"}]

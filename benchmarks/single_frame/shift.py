@@ -1,4 +1,10 @@
-"""Mean probability of refraction on undistorted images that are merely shifted."""
+"""Mean probability of refraction on undistorted images that are merely shifted.
+
+    python -m benchmarks.single_frame shift --networks A.onnx [B.onnx ...] [--photos PHOTOS]
+
+Prints it for each network, kind of background and shift, and how far the share of the pixels in the
+default mask changes with the shift; `refinement` is the network for patterns.
+"""
 
 import argparse
 from collections.abc import Sequence
@@ -25,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    """Mean probability of refraction on undistorted images that are merely shifted."""
     print("| network | background | " + " | ".join(f"{s} px" for s in SHIFTS_PX)
           + " | largest change | of the mask's llr > 2 |\n|" + "---|" * 8)  # fmt: skip
     detectors = [DybsDetector(path) for path in options.networks]
@@ -53,8 +58,8 @@ def main(options: argparse.Namespace) -> None:
 def stated(estimates: Sequence[Estimate], score: int) -> float:
     """Mean probability by one of the scores, where there is one."""
     logits = np.concatenate([estimate.scores[..., score].ravel() for estimate in estimates])
-    told = logits != 0
-    return float(np.mean(1 / (1 + np.exp(-logits[told])))) if told.any() else float("nan")
+    known = logits != 0
+    return float(np.mean(1 / (1 + np.exp(-logits[known])))) if known.any() else float("nan")
 
 
 def print_shift(name: str, family: str, means: Sequence[float], change: str) -> None:

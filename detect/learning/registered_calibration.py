@@ -1,6 +1,6 @@
 """Teaches a network over registered neighbours what its scores are worth, and what it would see.
 
-    python -m detect.learning.registered_calibration NETWORK.onnx --lessons FOLDER
+    python -m detect.learning.registered_calibration NETWORK.onnx --clips FOLDER
         [--seeds FIRST END]...
 
 FOLDER holds clips of scenes that the network was not trained on. The file is written anew with
@@ -140,11 +140,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("network", type=Path)
-    parser.add_argument("--lessons", type=Path, nargs="+", required=True)
+    parser.add_argument("--clips", type=Path, nargs="+", required=True)
     parser.add_argument("--seeds", type=int, nargs=2, action="append", default=[])
     options = parser.parse_args(arguments)
     try:
-        paths = chosen(options.lessons, options.seeds)
+        paths = chosen(options.clips, options.seeds)
         paths = [*paths[::2], *paths[1::2]]  # each half is scored by the other: all kinds in both
         calibration = calibrate(options.network, map(TrainingClip.load, paths))
     except LocateError as error:

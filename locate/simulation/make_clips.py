@@ -1,7 +1,7 @@
 """Writes clips of real material for the learned registered detector.
 
-    python -m locate.simulation.make_clips photos --photos DIR --seeds 200000 200060 -o LESSONS
-    python -m locate.simulation.make_clips sets   --set PHOTOS --seeds 210000 210008 -o LESSONS
+    python -m locate.simulation.make_clips photos --photos DIR --seeds 200000 200060 -o CLIPS
+    python -m locate.simulation.make_clips sets   --set PHOTOS --seeds 210000 210008 -o CLIPS
 
 `photos` films scenes made of single photos, `sets` takes a set of real photos with known poses, as
 they are or with plumes rendered onto them. Clips that are there are kept; lessons.jsonl lists what

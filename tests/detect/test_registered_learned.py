@@ -265,7 +265,7 @@ def test_calibration_makes_the_score_a_log_likelihood_ratio(
     for seed in range(12):
         clip(0.3, seed=seed, shape=(48, 64)).save(clip_path(tmp_path, seed))
     path = network(tmp_path / "n.onnx", calibration=None)
-    main([str(path), "--lessons", str(tmp_path), "--seeds", "0", "8"])
+    main([str(path), "--clips", str(tmp_path), "--seeds", "0", "8"])
     assert "rich: ClassCalibration" in capsys.readouterr().out
     evidence_network = EvidenceNetwork(path)
     calibration = evidence_network.read_calibration()
@@ -287,7 +287,7 @@ def test_calibration_makes_the_score_a_log_likelihood_ratio(
 def test_no_clips_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = network(tmp_path / "n.onnx")
     with pytest.raises(SystemExit):
-        main([str(path), "--lessons", str(tmp_path)])
+        main([str(path), "--clips", str(tmp_path)])
     assert "no clips" in capsys.readouterr().err
 
 
