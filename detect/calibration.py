@@ -161,9 +161,7 @@ class Calibration:
         return cls(scores=names, scales=scales)
 
 
-def expected_calibration_error(
-    probabilities: ArrayLike, labels: ArrayLike, *, bins: int = BINS
-) -> float:
+def expected_calibration_error(probabilities: ArrayLike, labels: ArrayLike) -> float:
     """How far stated probabilities are from what happens, on average.
 
     Source: Naeini, Cooper, Hauskrecht, AAAI (2015) 2901, equal bins of probability.
@@ -171,7 +169,6 @@ def expected_calibration_error(
     Args:
         probabilities: (...) of being positive.
         labels: (...) true where positive.
-        bins: Between 0 and 1.
 
     Returns:
         Mean over the samples of |share of positives - mean probability| of their bin; NaN of none.
@@ -180,8 +177,8 @@ def expected_calibration_error(
     happened = np.asarray(labels, dtype=float).ravel()
     if not stated.size:
         return float("nan")
-    which = np.minimum((stated * bins).astype(int), bins - 1)
-    gaps = np.bincount(which, weights=happened - stated, minlength=bins)
+    which = np.minimum((stated * BINS).astype(int), BINS - 1)
+    gaps = np.bincount(which, weights=happened - stated, minlength=BINS)
     return float(np.abs(gaps).sum() / stated.size)
 
 

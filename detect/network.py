@@ -23,13 +23,12 @@ Maps = Mapping[str, FloatMap]
 TileSlices = tuple[tuple[slice, slice], tuple[slice, slice], tuple[slice, slice]]
 
 
-def open_session(path: Path, what: str = "network", threads: int = 1) -> Any:
-    """An onnxruntime session, on CUDA where the installed onnxruntime has it.
+def open_session(path: Path, what: str = "network") -> Any:
+    """An onnxruntime session of one thread, on CUDA where the installed onnxruntime has it.
 
     Args:
         path: The .onnx file.
         what: It should be, for the message.
-        threads: Of the CPU.
 
     Raises:
         BadInputError: The file is missing or is not ONNX.
@@ -37,7 +36,7 @@ def open_session(path: Path, what: str = "network", threads: int = 1) -> Any:
     if not path.is_file():
         raise BadInputError(f"{path}: no such {what}; give the path of an .onnx file")
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
+    options.intra_op_num_threads = 1
     options.log_severity_level = QUIET
     available = onnxruntime.get_available_providers()
     providers = [provider for provider in PROVIDERS if provider in available]
@@ -57,7 +56,6 @@ class Network:
     Args:
         path: The .onnx file.
         largest_px: Images of more pixels are run in tiles, with the same result.
-        threads: Of the CPU.
 
     Attributes:
         name: As stored in the file.
@@ -71,9 +69,9 @@ class Network:
         BadInputError: The file is missing, is not ONNX, or breaks the contract.
     """
 
-    def __init__(self, path: Path, *, largest_px: int = LARGEST_PX, threads: int = 1) -> None:
+    def __init__(self, path: Path, *, largest_px: int = LARGEST_PX) -> None:
         self.path = path
-        self._session = open_session(path, threads=threads)
+        self._session = open_session(path)
         self._largest_px = largest_px
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         if self.metadata.get("schema") != SCHEMA:

@@ -88,24 +88,23 @@ def density_deficit(gas: str, mole_fraction: float, temperature_k: float) -> flo
 
 
 def gaussian_column_deflection(
-    offset_m: ArrayLike, *, delta_n: float, radius_m: float, n0: float = 1.0
+    offset_m: ArrayLike, *, delta_n: float, radius_m: float
 ) -> FloatArray:
     """Deflection of a ray that crosses a Gaussian column square to its axis.
 
-    The column is `n = n0 + delta_n * exp(-r^2 / (2 radius_m^2))`; the integral of its gradient
-    along the ray, `eps = (1/n0) * integral(dn/dx ds)`, is closed.
+    The column is `n = n0 + delta_n * exp(-r^2 / (2 radius_m^2))` with n0 = 1; the integral of its
+    gradient along the ray, `eps = (1/n0) * integral(dn/dx ds)`, is closed.
 
     Args:
         offset_m: Signed distance from the axis at which the ray passes, any shape.
         delta_n: Refractive index on the axis less that of the surroundings.
         radius_m: Standard deviation of the profile.
-        n0: Refractive index of the surroundings.
 
     Returns:
         Deflection in rad along `offset_m`, positive away from the axis.
     """
     x = np.asarray(offset_m, dtype=float) / radius_m
-    return np.asarray(-delta_n / n0 * sqrt(2 * pi) * x * np.exp(-(x**2) / 2))
+    return np.asarray(-delta_n * sqrt(2 * pi) * x * np.exp(-(x**2) / 2))
 
 
 def lever_px(*, range_to_plume_m: float, range_to_background_m: float, focal_px: float) -> float:

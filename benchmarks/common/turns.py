@@ -23,13 +23,11 @@ class TurnCost:
     of_first: float
 
 
-def time_in_turn(
-    ways: Mapping[str, Callable[[], object]], rounds: int = ROUNDS
-) -> dict[str, TurnCost]:
+def time_in_turn(ways: Mapping[str, Callable[[], object]]) -> dict[str, TurnCost]:
     """Runs all of them once, then one after the other in every round, as a busy machine drifts."""
     for way in ways.values():
         way()
-    spent = np.array([[cpu_seconds(way).item() for way in ways.values()] for _ in range(rounds)])
+    spent = np.array([[cpu_seconds(way).item() for way in ways.values()] for _ in range(ROUNDS)])
     return costs_of(dict(zip(ways, spent.T, strict=True)))
 
 

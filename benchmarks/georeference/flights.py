@@ -50,7 +50,6 @@ def simulate_flight(
     *,
     outliers: float = 0.0,
     correlation_s: float = 0.0,
-    sigmas_m: FloatArray = SIGMAS_M,
 ) -> SimulatedFlight:
     """Fixes a second apart; outliers lie up to 30 m off along each axis."""
     n = len(path)
@@ -64,7 +63,7 @@ def simulate_flight(
         keep = np.exp(-1 / correlation_s)
         for i in range(1, n):
             errors[i] = keep * errors[i - 1] + np.sqrt(1 - keep**2) * errors[i]
-    fixes = path + errors * sigmas_m
+    fixes = path + errors * SIGMAS_M
     wrong = rng.uniform(size=n) < outliers
     fixes[wrong] += rng.uniform(-30, 30, size=(int(wrong.sum()), 3))
     return SimulatedFlight(

@@ -50,9 +50,9 @@ def load(folder: Path) -> Frames:
     return Frames(images=images, trajectory=Trajectory.load(folder / "truth.json"))
 
 
-def with_pose_error(frames: Frames, error_deg: float, seed: int = 0) -> Frames:
+def with_pose_error(frames: Frames, error_deg: float) -> Frames:
     """Independent errors per frame: `error_deg` about every axis, 0.15 units per degree."""
-    trajectory, rng = frames.trajectory, np.random.default_rng(seed)
+    trajectory, rng = frames.trajectory, np.random.default_rng(0)
     assert trajectory is not None
     turns = rng.normal(0, np.deg2rad(error_deg), (len(trajectory), 3))
     rotations = Rotation.from_rotvec(turns).as_matrix() @ trajectory.rotations

@@ -53,14 +53,12 @@ class ProbabilityBin:
     true: Share
 
 
-def binned(
-    stated: ArrayLike, true: ArrayLike, edges: Sequence[float] = EDGES
-) -> list[ProbabilityBin]:
+def binned(stated: ArrayLike, true: ArrayLike) -> list[ProbabilityBin]:
     """By stated probability, each bin without its lower edge but the first; NaN of an empty one."""
     stated, true = np.asarray(stated, dtype=float), np.asarray(true, dtype=bool)
-    place = np.searchsorted(edges[1:-1], stated, side="left")
+    place = np.searchsorted(EDGES[1:-1], stated, side="left")
     bins = []
-    for k, (low, high) in enumerate(pairwise(edges)):
+    for k, (low, high) in enumerate(pairwise(EDGES)):
         here = place == k
         mean = float(stated[here].mean()) if here.any() else np.nan
         bins.append(ProbabilityBin(low=low, high=high, stated=mean, true=Share.of(true[here])))

@@ -42,7 +42,6 @@ def sample_own_images(
     seed: int,
     scale: float,
     largest_px: int = LARGEST_PX,
-    runs: tuple[Path, ...] = (),
     progress: Progress = lambda _: None,
 ) -> Shard:
     """Parts of the images, through plumes and through still air, on the images' own pixel grid.
@@ -60,13 +59,12 @@ def sample_own_images(
         seed: Of every random choice.
         scale: Of the samples to the images, `HALF_SCALE` or 1.
         largest_px: Side of a sample at most, px of the images.
-        runs: Simulated runs to draw flows from; without, all are random turbulence.
         progress: Called with the share done.
 
     Raises:
         BadInputError: An image is too small.
     """
-    recipe, sources = _build_recipe(images, scale, largest_px), Sources(runs=runs)
+    recipe, sources = _build_recipe(images, scale, largest_px), Sources()
 
     def one(rng: np.random.Generator) -> Sample:
         background = _draw_part(images, recipe.size_px, scale, rng)
@@ -81,7 +79,6 @@ def sample_hazy_images(
     *,
     seed: int,
     scale: float,
-    largest_px: int = LARGEST_PX,
     progress: Progress = lambda _: None,
 ) -> Shard:
     """The same through haze that displaces every pixel, by a fraction of a pixel to two.
@@ -89,7 +86,7 @@ def sample_hazy_images(
     A plume displaces few pixels and these little, and a network that is shown nothing else stays
     at zero; haze soon teaches it the background. For the arguments see `sample_own_images`.
     """
-    recipe = _build_recipe(images, scale, largest_px)
+    recipe = _build_recipe(images, scale, LARGEST_PX)
     inside = slice(MARGIN_PX, -MARGIN_PX)
 
     def one(rng: np.random.Generator) -> Sample:

@@ -95,11 +95,6 @@ class KeyFrameSelector:
         self._number = 0
         self.set_camera(camera)
 
-    @property
-    def waiting_images(self) -> int:
-        """How many images wait for their poses."""
-        return len(self._images)
-
     def set_camera(self, camera: Camera) -> None:
         """Goes on with another camera, in another window."""
         self.rectifier = FrameRectifier(camera=camera, width_px=self._settings.width_px)

@@ -37,6 +37,8 @@ MOST_SIGMAS = 3.0
 """No side of any place counts for more: an edge with a wrong depth is no plume; chosen by hand."""
 SOME_ROWS = 80
 """About so many rows of a view, and as many columns of each, show how its sigmas scatter."""
+FEWEST_VALUES = 30
+"""Values from which their scatter is measured; chosen by hand."""
 SIDES = 2
 
 
@@ -278,9 +280,9 @@ def _correlate(image: FloatMap, kernel: FloatMap) -> FloatMap:
     return np.asarray(total)
 
 
-def scatter_of(values: FloatArray | FloatMap, fewest: int = 30) -> float:
+def scatter_of(values: FloatArray | FloatMap) -> float:
     """The standard deviation of values about zero, outliers apart; 1 where they are too few."""
-    if values.size < fewest:
+    if values.size < FEWEST_VALUES:
         return 1.0
     return max(MAD_TO_SIGMA * quick_quantile(np.abs(values), 0.5), 1e-3)
 

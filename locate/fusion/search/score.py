@@ -28,13 +28,13 @@ LEAST_SAMPLES = 1e-6
 """Keeps the contrast of a column that no view shows finite."""
 SAMPLES_AT_ONCE = 100_000
 """Pixels sampled before all views at once: bounds the memory, the scores do not depend on it."""
+ALONG, ACROSS = 14, 5
+"""Samples of an outline along the axis and across it; chosen by hand."""
 OUTSIDE_PX = -1e4
 """A pixel coordinate outside every frame, for points behind a camera."""
 
 
-def score_columns(
-    views: Views, columns: Columns, *, along: int = 14, across: int = 5
-) -> FloatArray:
+def score_columns(views: Views, columns: Columns, *, along: int = ALONG) -> FloatArray:
     """(V, N) evidence of each view for each column, nats.
 
     Sums over the column's outline (its side, foreshortened, and its end), gated by what can be seen
@@ -44,18 +44,17 @@ def score_columns(
         views: The evidence.
         columns: N columns.
         along: Samples along the axis.
-        across: Samples across it.
     """
-    sampled = _sample_outlines(views, columns, along, across)
+    sampled = _sample_outlines(views, columns, along)
     return np.concatenate([outlines.sum(outlines.llr_in(views)) for outlines in sampled])
 
 
 def sum_over_outlines(
-    views: Views, columns: Columns, *, along: int = 14, across: int = 5
+    views: Views, columns: Columns, *, along: int = ALONG
 ) -> tuple[FloatArray, FloatArray]:
     """As `score_columns`, and (V, N) the number of independent samples that hold evidence."""
     nats, samples = [], []
-    for outlines in _sample_outlines(views, columns, along, across):
+    for outlines in _sample_outlines(views, columns, along):
         llr = outlines.llr_in(views)
         nats.append(outlines.sum(llr))
         samples.append(outlines.sum(llr != 0))
@@ -118,13 +117,11 @@ class _SampledOutlines(NamedTuple):
         return np.asarray(((values * self.gate).sum(axis=1) * self.area).sum(axis=1))
 
 
-def _sample_outlines(
-    views: Views, columns: Columns, along: int, across: int
-) -> Iterator[_SampledOutlines]:
+def _sample_outlines(views: Views, columns: Columns, along: int) -> Iterator[_SampledOutlines]:
     """The outlines in so many views at once that they stay in the processor's cache."""
     outlines = _ColumnOutlines.of_columns(columns, along)
-    across_axis = np.linspace(-1, 1, across, dtype=np.float32)
-    at_once = max(1, SAMPLES_AT_ONCE // max(1, len(columns) * along * across))
+    across_axis = np.linspace(-1, 1, ACROSS, dtype=np.float32)
+    at_once = max(1, SAMPLES_AT_ONCE // max(1, len(columns) * along * ACROSS))
     for start in range(0, len(views), at_once):
         yield _project_outlines(views, slice(start, start + at_once), outlines, across_axis)
 
