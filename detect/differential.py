@@ -105,7 +105,7 @@ class LeastSquaresWindow:
         return np.asarray(cv2.merge(self.shift_planes(difference)))
 
     def shift_planes(self, difference: FloatMap) -> tuple[FloatMap, FloatMap]:
-        """(H, W) s_x and (H, W) s_y of `shift`."""
+        """(H, W) s_x and (H, W) s_y of the shift that `solve_shift` returns."""
         tx = blur(self._gx * difference, self._window_px)
         ty = blur(self._gy * difference, self._window_px)
         xx, xy, yy = self._inverse

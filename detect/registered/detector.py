@@ -20,13 +20,23 @@ from geometry.errors import BadInputError
 from geometry.trajectory import Trajectory
 
 ENOUGH_VISIBLE = 4.0
+"""Neighbours that see a pixel, beyond which more add no trust; chosen by hand."""
 EDGE_HALF_PX = 3.0
-EDGE_SHARE = 0.1
-EDGE_MOST_PX = 8.0
+"""Depth edge at which a pixel is trusted half, px of parallax; chosen by hand."""
+EDGE_SHARE, EDGE_MOST_PX = 0.1, 8.0
+"""Error of w per px of a depth edge, and the largest edge that counts; chosen by hand."""
 MODEL_FLOOR_PX = 0.04
+"""What interpolation and small depth steps leave of w; set on simulated scenes."""
 MEASURED_TEXTURE = 0.3
+"""Texture below which nothing is measured, (grey levels per px) squared."""
 KEY_NOISE = 1.0
+"""Noise of the key frame, grey levels."""
+KEY_PIXELS = 50
+"""Pixels over which it is averaged: those of the window of `WINDOW_PX`, 4 pi sigma^2."""
+LEAST_TEXTURE = 0.1
+"""Added to the texture that it is divided by, (grey levels per px) squared."""
 GAIN_ERROR = 0.3
+"""Share of w that may cancel, as neighbours see through the plume too; from simulated scenes."""
 
 
 class RegisteredDetector:
@@ -120,7 +130,7 @@ class RegisteredDetector:
             gains[row] = gain_towards(key, frames.images[row], view)
             neighbours.append(Neighbour(image=brighten(frames.images[row], gains[row]), view=view))
         full_size = frames.full_size
-        read = None if full_size is None else partial(_take, full_size, gains)
+        read = None if full_size is None else partial(_read_full_size, full_size, gains)
         registration = Registration(key, neighbours, read)
         return registration.measure(), inverse_depth
 
@@ -136,7 +146,8 @@ class RegisteredDetector:
         return float(1 / np.median(points[seen, 2]))
 
 
-def _take(images: Sequence[FloatMap], gains: dict[int, float]) -> list[FloatMap]:
+def _read_full_size(images: Sequence[FloatMap], gains: dict[int, float]) -> list[FloatMap]:
+    """The frames of these rows, each with the gain that brings it to the key frame's brightness."""
     return [brighten_full_size(images[row], gain) for row, gain in gains.items()]
 
 
@@ -145,8 +156,8 @@ def _assemble_detection(
 ) -> Detection:
     """What was measured, with its evidence; the unit is 1 / world unit.
 
-    The neighbours see through the plume too, so part of w cancels: sigma grows with w, by a
-    share that was measured on simulated scenes. What is seen from one side alone tells nothing.
+    The neighbours see through the plume too, so part of w cancels: sigma grows with w. Pixels that
+    are seen from one side alone have no evidence.
     """
     size_px = np.linalg.norm(measurement.displacement, axis=-1)
     known = measurement.one_sidedness < MOST_ONE_SIDED
@@ -167,7 +178,7 @@ def displacement_sigma(measurement: Measurement) -> FloatMap:
     what interpolation and small depth steps leave behind (the floor, set on simulated scenes).
     """
     from_scatter = measurement.scatter_px**2 * measurement.variance_factor
-    from_key_noise = KEY_NOISE**2 / (50 * (measurement.texture + 0.1))
+    from_key_noise = KEY_NOISE**2 / (KEY_PIXELS * (measurement.texture + LEAST_TEXTURE))
     from_edges = (EDGE_SHARE * np.minimum(measurement.depth_edge_px, EDGE_MOST_PX)) ** 2
     sigma_px = np.sqrt(from_scatter + from_key_noise + from_edges + MODEL_FLOOR_PX**2)
     unseen = (measurement.texture < MEASURED_TEXTURE) | (measurement.visible < 1)
@@ -177,5 +188,5 @@ def displacement_sigma(measurement: Measurement) -> FloatMap:
 def pixel_trust(visible: FloatMap, depth_edge_px: FloatMap) -> FloatMap:
     """(H, W) from 0 to 1: low where few neighbours see a pixel and at depth edges."""
     seen = np.clip(visible / ENOUGH_VISIBLE, 0, 1) ** 2
-    calm = 1 / (1 + (depth_edge_px / EDGE_HALF_PX) ** 2)
-    return np.asarray(seen * calm, dtype=np.float32)
+    smooth = 1 / (1 + (depth_edge_px / EDGE_HALF_PX) ** 2)
+    return np.asarray(seen * smooth, dtype=np.float32)

@@ -21,10 +21,14 @@ EXCESS_FROM = -2.0
 """Where the logit's slope may change: it is too steep below and not steep enough above."""
 OUTPUTS = {"displacement": 2, "log_variance": 1, "logit": 1}
 TEXTURES = (1.5, 8.0, 40.0)
+"""Texture from which on a surface is bare, fair or rich, (grey levels per px) squared."""
 EDGE_PX = 1.0
+"""Depth edge from which on a pixel is one of an edge, px of parallax."""
 LEAST_TEXTURE, LEAST_VISIBLE = 0.3, 1.0
+"""Texture, and neighbours that see it, of a pixel that is measured."""
 MOST_SIGMA_PX = 0.19
-"""Median sigma of a frame above which there is no evidence: 99 in 100 of calm clips lie below.
+"""Median sigma of a frame above which there is no evidence; of 100 clips without trouble 99 lie
+below.
 
 Frames registered worse did not show a real leak, and still give too much evidence for plumes.
 """

@@ -24,9 +24,15 @@ Feature = Literal[
 ]
 FEATURES: tuple[Feature, ...] = get_args(Feature)
 SMALL_PX = 0.1
+"""Unit of displacements and sigmas."""
 UNMEASURED_SIGMA_PX = 3.0
+"""In place of an infinite sigma."""
 NEIGHBOURS = 8.0
+"""Unit of the number of neighbours that see a pixel."""
 LOG_UNIT = 3.0
+"""Unit of the logarithms of texture and misfit."""
+LEAST_SCATTER_PX = 1e-3
+"""Added, so that no scatter has a logarithm."""
 Plain = Literal[
     "displacement_x", "displacement_y", "log_sigma", "log_texture", "log_depth_edge", "visible"
 ]
@@ -52,7 +58,7 @@ def stack_features(measurement: Measurement, sigma_px: FloatMap) -> FloatMap:
         *np.moveaxis(np.arcsinh(measurement.first_displacement / SMALL_PX), -1, 0),
         *np.moveaxis(np.arcsinh(w / sigma[..., None]), -1, 0),
         np.log(sigma / SMALL_PX),
-        np.log((measurement.scatter_px + 1e-3) / SMALL_PX),
+        np.log((measurement.scatter_px + LEAST_SCATTER_PX) / SMALL_PX),
         np.log1p(measurement.texture) / LOG_UNIT,
         np.log1p(measurement.misfit) / LOG_UNIT,
         np.log1p(measurement.depth_edge_px),

@@ -1,4 +1,4 @@
-"""What the pixels of frames tell at their full size, where flow was measured at a smaller one.
+"""The information of frames at their full size, where flow was measured at a smaller one.
 
 Depth, poses and flow are smooth and gain little from more pixels; the information of a displacement
 grows with them. So flow is enlarged and only that is measured at full size, some rows at a time.
@@ -30,7 +30,8 @@ SAMPLE_REACH_PX = 4
 BORDER_PX = 2
 """Width of the edge of an image in which nothing counts as seen."""
 MOST_HALVINGS = 2
-JUDGED_STRIPS, JUDGED_ROWS = 8, 48
+"""How often frames are halved at most; chosen by hand."""
+SAMPLED_STRIPS, SAMPLED_ROWS = 8, 48
 """Strips spread over the frame, and their rows, that show whether it is blurred; chosen by hand."""
 
 
@@ -72,7 +73,7 @@ class FullSizeFrames:
 
     def count_halvings(self) -> int:
         """How often the frames can be halved without a loss of detail."""
-        means = [self._register(rows).mean for rows in self._judged_rows()]
+        means = [self._register(rows).mean for rows in self._sampled_strips()]
         for halvings in range(MOST_HALVINGS):
             if self._width >> halvings < 2 * MAP_WIDTH_PX or not is_blurred(means):
                 return halvings
@@ -92,11 +93,11 @@ class FullSizeFrames:
         """(2,) full over smaller width, and height."""
         return np.divide(self.images[0].shape[::-1], self.depth_edge_px.shape[::-1])
 
-    def _judged_rows(self) -> list[slice]:
-        if self._height <= JUDGED_STRIPS * JUDGED_ROWS:
+    def _sampled_strips(self) -> list[slice]:
+        if self._height <= SAMPLED_STRIPS * SAMPLED_ROWS:
             return [slice(0, self._height)]
-        starts = np.linspace(0, self._height - JUDGED_ROWS, JUDGED_STRIPS).astype(int).tolist()
-        return [slice(start, start + JUDGED_ROWS) for start in starts]
+        starts = np.linspace(0, self._height - SAMPLED_ROWS, SAMPLED_STRIPS).astype(int).tolist()
+        return [slice(start, start + SAMPLED_ROWS) for start in starts]
 
     def _strips(self, reach: int) -> Iterator[tuple[slice, slice]]:
         """Rows some at a time, and these with `reach` rows on both sides, where there are any.

@@ -1,9 +1,9 @@
-"""What registered neighbours tell about the displacement, as normal equations.
+"""Normal equations of the displacement, by registered neighbours.
 
 The grey value of neighbour k at a pixel differs from the key frame's by ``g . (slope_k step + w)``,
-with g the gradient. Neighbours on both sides of the path tell the inverse depth's error `step` from
-the displacement w, pixel by pixel; what is left is one number, ``g . w``. It is not divided by the
-gradient, so places with little texture lose nothing: they say little, and count as much.
+with g the gradient. Neighbours on both sides of the path separate the inverse depth's error `step`
+from the displacement w, pixel by pixel; what is left is one number, ``g . w``. It is not divided by
+the gradient: pixels with little texture hold little information, and are weighted by that.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ COMMON_GRADIENTS_PERCENT = 95
 LEAST_VARIANCE = 0.5
 """Of the noise, grey levels squared: 8-bit frames have a twelfth by rounding alone."""
 STEP_STIFFNESS = 1.0
-"""Keeps the depth where nothing tells it, grey levels squared per unit of inverse depth squared."""
+"""Keeps the depth where no neighbour shows it, squared grey levels per unit of inverse depth."""
 MODEL_ERROR_PX = 0.05
 """What interpolation leaves in a displacement, px: strong edges do not count for more than that."""
 EDGE_ERROR_SHARE = 0.2
@@ -104,48 +104,36 @@ def displacement_information(frames: RegisteredFrames) -> DisplacementInformatio
 
 
 def measure_pixels(frames: RegisteredFrames) -> DisplacementInformation:
-    """What each pixel tells, displacements in px of these frames."""
-    height, width = frames.key.shape
-    differences = frames.neighbours - frames.key
-    for k, difference in enumerate(differences):
-        differences[k] = difference - _blur_wide(difference, BRIGHTNESS_PX)
-    along_x, along_y = _slopes(frames.mean)
-    trust = frames.visible * _neighbour_trust(differences)
-    scatter, weight = np.empty((2, height, width), np.float32)
-    squares = np.empty_like(differences)
-    for rows in row_bands(height):
-        lever = _levers(along_x, along_y, frames.slopes, rows)
-        first = _PixelFit.solve(differences[:, rows], lever, trust[:, rows])
-        scatter[rows], weight[rows] = first.scatter, first.weights.sum(axis=0)
-        squares[:, rows] = trust[:, rows] * first.squared_residuals
-    freedom = np.maximum(blur(weight, SCATTER_PX) - 2, 1)
-    noise = blur(scatter, SCATTER_PX) / freedom
+    """The information of each pixel, displacements in px of these frames."""
+    equations = _PixelEquations.of(frames)
+    noise, squares = equations.measure_noise()
+    along_x, along_y = equations.along_x, equations.along_y
     steepness = along_x * along_x + along_y * along_y
     error_px2 = MODEL_ERROR_PX**2 + (EDGE_ERROR_SHARE * frames.depth_edge_px) ** 2
-    told, precision = np.empty((2, height, width), np.float32)
-    for rows in row_bands(height):
-        lever = _levers(along_x, along_y, frames.slopes, rows)
-        calm = 4 * (noise[rows] + LEAST_VARIANCE)
-        weights = np.asarray(trust[:, rows] / (1 + squares[:, rows] / calm), np.float32)
-        answer = _PixelFit.solve(differences[:, rows], lever, weights)
-        told[rows] = -answer.common
+    common, precision = np.empty((2, *steepness.shape), np.float32)
+    for rows in row_bands(len(steepness)):
+        usual = 4 * (noise[rows] + LEAST_VARIANCE)
+        weights = np.asarray(equations.trust[:, rows] / (1 + squares[:, rows] / usual), np.float32)
+        levers = equations.levers(rows)
+        answer = _PixelFit.solve(equations.differences[:, rows], levers, weights)
+        common[rows] = -answer.common
         variance = noise[rows] * (1 + answer.variance_factor) + LEAST_VARIANCE
         variance += steepness[rows] * error_px2[rows]
         seen = frames.visible[:, rows].sum(axis=0)
         enough = seen >= max(2, ENOUGH_NEIGHBOURS * len(frames.visible))
-        one_sided = one_sidedness(lever[:, None], weights, np.float32(STEP_STIFFNESS))
+        one_sided = one_sidedness(levers[:, None], weights, np.float32(STEP_STIFFNESS))
         enough &= one_sided < MOST_ONE_SIDED
         precision[rows] = enough / variance
-    precision /= 1 + (told * told / (steepness + 1) / MOST_PX**2) ** 2
+    precision /= 1 + (common * common / (steepness + 1) / MOST_PX**2) ** 2
     weighted_x, weighted_y = precision * along_x, precision * along_y
     return DisplacementInformation(
-        vector=cv2.merge([weighted_x * told, weighted_y * told]),
+        vector=cv2.merge([weighted_x * common, weighted_y * common]),
         matrix=cv2.merge([weighted_x * along_x, weighted_x * along_y, weighted_y * along_y]),
     )
 
 
 def sum_pixels(pixels: DisplacementInformation) -> DisplacementInformation:
-    """What all pixels of a frame tell, on at most `MAP_WIDTH_PX` cells along its width."""
+    """The information of all pixels of a frame, on at most `MAP_WIDTH_PX` cells along its width."""
     height, width = pixels.matrix.shape[:2]
     factor = min(1.0, MAP_WIDTH_PX / width)
     columns, lines = round(width * factor), round(height * factor)
@@ -190,11 +178,6 @@ def halve(image: FloatMap) -> FloatMap:
     return np.asarray(cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
 
 
-def _levers(along_x: FloatMap, along_y: FloatMap, slopes: FloatMap, rows: slice) -> FloatMap:
-    """(N, h, W) grey levels per unit of inverse depth, of some rows."""
-    return np.asarray(along_x[rows] * slopes[:, 0, rows] + along_y[rows] * slopes[:, 1, rows])
-
-
 def _blur_wide(image: FloatMap, sigma_px: float) -> FloatMap:
     """A wide Gaussian blur, computed on fewer pixels."""
     shrink = max(1, int(sigma_px // 4))
@@ -202,6 +185,57 @@ def _blur_wide(image: FloatMap, sigma_px: float) -> FloatMap:
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     smooth = cv2.GaussianBlur(small, (0, 0), sigma_px / shrink)
     return np.asarray(cv2.resize(smooth, image.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PixelEquations:
+    """What N neighbours differ by at (H, W) pixels, and what explains it.
+
+    Attributes:
+        differences: (N, H, W) from the key frame, changes of brightness taken out, grey levels.
+        along_x: (H, W) slope of the mean frame along x, grey levels per px.
+        along_y: (H, W) along y.
+        slopes: (N, 2, H, W) px per unit of inverse depth.
+        trust: (N, H, W) from 0 to 1.
+    """
+
+    differences: FloatMap
+    along_x: FloatMap
+    along_y: FloatMap
+    slopes: FloatMap
+    trust: FloatMap
+
+    @classmethod
+    def of(cls, frames: RegisteredFrames) -> Self:
+        """Those of registered frames."""
+        differences = frames.neighbours - frames.key
+        for k, difference in enumerate(differences):
+            differences[k] = difference - _blur_wide(difference, BRIGHTNESS_PX)
+        along_x, along_y = _slopes(frames.mean)
+        return cls(
+            differences=differences,
+            along_x=along_x,
+            along_y=along_y,
+            slopes=frames.slopes,
+            trust=frames.visible * _neighbour_trust(differences),
+        )
+
+    def levers(self, rows: slice) -> FloatMap:
+        """(N, h, W) grey levels per unit of inverse depth, of some rows."""
+        along_x, along_y = self.along_x[rows], self.along_y[rows]
+        return np.asarray(along_x * self.slopes[:, 0, rows] + along_y * self.slopes[:, 1, rows])
+
+    def measure_noise(self) -> tuple[FloatMap, FloatMap]:
+        """(H, W) variance round each pixel, and (N, H, W) weighted squared residuals of a fit."""
+        scatter, weight = np.empty((2, *self.along_x.shape), np.float32)
+        squares = np.empty_like(self.differences)
+        for rows in row_bands(len(scatter)):
+            trust = self.trust[:, rows]
+            fit = _PixelFit.solve(self.differences[:, rows], self.levers(rows), trust)
+            scatter[rows], weight[rows] = fit.scatter, fit.weights.sum(axis=0)
+            squares[:, rows] = trust * fit.squared_residuals
+        freedom = np.maximum(blur(weight, SCATTER_PX) - 2, 1)
+        return np.asarray(blur(scatter, SCATTER_PX) / freedom, np.float32), squares
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,10 +13,18 @@ from geometry.epipolar import EpipolarGeometry
 from geometry.trajectory import Trajectory
 
 WANTED_PARALLAX = (0.03, 0.045, 0.06, 0.09)
+"""Parallax of the neighbours from the nearest to the farthest, in widths of the image; chosen by
+hand."""
 MOST_PARALLAX = 0.4
-SHRINK = 4
-ENOUGH_PARALLAX = 0.01
+"""Parallax from which on a frame is no neighbour, in widths of the image; chosen by hand."""
 MIN_OVERLAP = 0.5
+"""Share of the image that a neighbour must show."""
+SHRINK = 4
+"""How many times smaller the images are from which the typical inverse depth is measured."""
+ENOUGH_PARALLAX = 0.01
+"""Parallax by which it is measured well, in widths of the image; chosen by hand."""
+LEAST_SQUARED_LAPLACIAN, FEWEST_TEXTURED = 4, 100
+"""Pixels that count there, grey levels squared, and how many are needed; chosen by hand."""
 
 
 def choose_neighbours(
@@ -33,7 +41,7 @@ def choose_neighbours(
         index: Row of the frame in question.
         inverse_depth: What is typical of its scene, 1 / world unit.
         count: How many neighbours; fewer where the path is short.
-        b_frames: Rows of frames that serve only where the others are too few.
+        b_frames: Rows of frames that are used only where the others are too few.
 
     Returns:
         Rows of the trajectory, by parallax; half before and half after `index`, more of one side
@@ -116,8 +124,8 @@ def _from_pair(frames: Frames, trajectory: Trajectory, index: int, row: int) -> 
     flow = dis_matcher(refinements=0).calc(image, other, start) * SHRINK - at_infinity
     steepness = (slope**2).sum(axis=-1)
     inverse_depth = (flow * slope).sum(axis=-1) / np.maximum(steepness, 1e-12)
-    textured = cv2.Laplacian(image, cv2.CV_32F) ** 2 > 4
-    if textured.sum() < 100 or not steepness.any():
+    textured = cv2.Laplacian(image, cv2.CV_32F) ** 2 > LEAST_SQUARED_LAPLACIAN
+    if textured.sum() < FEWEST_TEXTURED or not steepness.any():
         return float("nan"), 0.0
     median = float(np.median(inverse_depth[textured]))
     parallax = view.parallax_px(pixels, max(median, 0.0))

@@ -5,11 +5,21 @@ import numpy as np
 from geometry.arrays import FloatArray, FloatMap
 
 TERMS = 9
+"""Of `_error_terms`."""
 STRIDE = 4
 """Every so many rows and columns enter the fit of a pose error; fewer fit it visibly worse."""
 SOME = slice(STRIDE // 2, None, STRIDE)
+"""Those rows, or columns."""
 FITS = 4
+"""Fits with weights by the misfits of the one before."""
 LEAST_WEIGHT = 0.1
+"""Weight of a pixel from which on it counts among those that give the scale of misfits."""
+FEWEST_PIXELS = 10 * TERMS
+"""Such pixels, at least, that an error is fitted to."""
+STIFFNESS = 1e-3
+"""Keeps terms at zero that the pixels do not show, in units of their summed weights."""
+OUTLYING, LEAST_SCALE_PX = 1.8, 0.015
+"""Misfit from which on a pixel is an outlier, over the median misfit; and at least, px."""
 
 
 class PoseErrors:
@@ -27,7 +37,7 @@ class PoseErrors:
         self._terms = some.reshape(TERMS, -1).astype(float)
 
     def fit(self, field: FloatMap, weights: FloatMap) -> FloatMap:
-        """The error that explains a field best, fitted separate_robust.
+        """The error that explains a field best, by robust least squares.
 
         Args:
             field: (2, h, w) px, `SOME` of the rows and columns.
@@ -39,7 +49,7 @@ class PoseErrors:
         values = field.reshape(2, -1).astype(float)
         prior = weights.ravel().astype(float)
         weighted = prior > LEAST_WEIGHT
-        if weighted.sum() < 10 * TERMS:
+        if weighted.sum() < FEWEST_PIXELS:
             return np.zeros((2, TERMS), np.float32)
         coefficients, robust = np.zeros((2, TERMS)), prior
         for _ in range(FITS):
@@ -51,7 +61,7 @@ class PoseErrors:
 
     def _solve_terms(self, values: FloatArray, weights: FloatArray) -> FloatArray:
         products = self._terms * weights
-        normal = products @ self._terms.T + 1e-3 * np.eye(len(products))
+        normal = products @ self._terms.T + STIFFNESS * np.eye(len(products))
         return np.asarray(np.linalg.solve(normal, products @ values.T).T)
 
     def error_fields(self, coefficients: FloatMap, rows: slice) -> FloatMap:
@@ -71,5 +81,5 @@ def _error_terms(x: FloatMap, y: FloatMap, inverse_depth: FloatMap) -> FloatMap:
 
 
 def _squared_scale(squares: FloatArray) -> float:
-    """From where on a misfit is an outlier's, px squared."""
-    return max(1.8 * float(np.sqrt(np.median(squares))), 0.015) ** 2
+    """The squared misfit at which a pixel counts half, px squared."""
+    return max(OUTLYING * float(np.sqrt(np.median(squares))), LEAST_SCALE_PX) ** 2

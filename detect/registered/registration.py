@@ -25,14 +25,27 @@ from geometry.arrays import FloatMap, GreyImage
 from geometry.epipolar import EpipolarGeometry
 
 PRESMOOTHING_PX = 0.7
+"""Standard deviation of the blur before gradients are taken, px; chosen by hand."""
 WINDOW_PX = 2.0
-"""Standard deviation of the window in which displacement is measured."""
+"""Standard deviation of the window in which displacement is measured, px; chosen by hand."""
 NOISE = 1.4
+"""Damping of `LeastSquaresWindow`, grey levels per px; chosen by hand."""
 MAX_RESIDUAL_PX = 3.0
+"""Larger displacements are cut to it; chosen by hand."""
+POSE_WINDOW_PX = 4.0
+"""Standard deviation of the window of the texture by which pixels count for a pose, px."""
 TEXTURE_HALF = 4.0
+"""Texture with which a pixel counts half there, (grey levels per px) squared."""
 KNOWN_TEXTURE = 1.0
+"""Texture from which on the inverse depth is known, (grey levels per px) squared."""
 NEAREST = 20.0
+"""Largest inverse depth, in units of the scene's typical one."""
 REFINE_AFTER = (2, 4)
+"""Numbers of neighbours after which the depth is refined, before all of them."""
+MOST_DEPTH_STEP = 0.3
+"""Share of an inverse depth by which the first stage may change it; larger changes are errors."""
+LEAST_MISFIT = 4.0
+"""Added to the usual misfit: what noise leaves, grey levels squared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +71,7 @@ class Measurement:
         texture: Mean squared gradient round a pixel, (grey levels per px) squared.
         relative_inverse_depth: In units of the scene's typical one, cleaned by a median filter.
         depth_edge_px: By how much parallax varies between a pixel and its surroundings.
-        information: What all pixels together tell about w; None of a measurement from a file.
+        information: Normal equations of w of all pixels; None of a measurement from a file.
     """
 
     displacement: FloatMap
@@ -74,7 +87,7 @@ class Measurement:
     information: DisplacementInformation | None = None
 
     def inverse_depth(self, unit: float) -> FloatMap:
-        """(H, W) of the background, 1 / world unit; NaN where no texture tells it.
+        """(H, W) of the background, 1 / world unit; NaN where there is too little texture.
 
         Args:
             unit: Of the relative inverse depth, 1 / world unit.
@@ -91,7 +104,7 @@ class Registration:
         image: (H, W) uint8, the key frame.
         neighbours: The others, by parallax, nearest first.
         full_size: Reads the key frame and the neighbours at full size, (H', W') grey levels each,
-            for what all pixels together tell; None: from the images above.
+            for the information of all pixels; None: that is taken from the images above.
     """
 
     def __init__(
@@ -166,7 +179,7 @@ class Registration:
 
     def _pose_errors(self, poses: PoseErrors, flows: FloatMap) -> FloatMap:
         """(N, 2, 9) what `poses` finds in the flow towards each neighbour."""
-        wide = self._texture_within(4.0)[SOME, SOME]
+        wide = self._texture_within(POSE_WINDOW_PX)[SOME, SOME]
         x, y, textured = self._x[SOME], self._y[SOME], wide / (wide + TEXTURE_HALF)
         found = []
         for flow, neighbour in zip(flows, self._neighbours, strict=True):
@@ -187,7 +200,7 @@ class Registration:
             errors -= poses.error_fields(pose_errors, rows)
             answer = separate_parallax(errors, slopes, visible / (1 + 2 * squared_length(errors)))
             step[rows], displacement[:, rows] = answer.inverse_depth_step, answer.displacement
-        self._step_depth(np.where(np.abs(step) < 0.3 * self._inverse_depth, step, 0))
+        self._step_depth(np.where(np.abs(step) < MOST_DEPTH_STEP * self._inverse_depth, step, 0))
         return displacement
 
     def _register_neighbours(
@@ -222,7 +235,7 @@ class Registration:
         misfit, variance, factor, seen, one_sided, parallax = np.empty(shape, np.float32)
         displacement = np.empty_like(first)
         for rows in row_bands(len(misfit)):
-            misfit[rows] = median_map(registered.misfits[:, rows]) + 4
+            misfit[rows] = median_map(registered.misfits[:, rows]) + LEAST_MISFIT
             second = separate_robust(registered, misfit[rows], rows)
             displacement[:, rows] = second.answer.displacement
             factor[rows] = second.answer.variance_factor

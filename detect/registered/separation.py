@@ -13,11 +13,14 @@ import numpy as np
 from geometry.arrays import FloatMap
 
 TINY = np.float32(1e-6)
+"""Added to sums of weights that are divided by."""
 STEP_STIFFNESS_PX2 = np.float32(1e-2)
+"""Keeps the inverse depth where slopes hardly differ, px squared per squared unit of it."""
 MOST_ONE_SIDED = 2.0
-"""One-sidedness from which on a pixel tells nothing: beyond, displacements are systematically wrong
-by up to 0.1 px (docs/weak_plumes.md). Set on three recordings."""
+"""One-sidedness from which on a pixel is left out: displacements are systematically wrong by up to
+0.1 px beyond (docs/weak_plumes.md). Set on three recordings."""
 BAND = 32
+"""Rows that are computed at a time."""
 MEAN, SUM = "nij,ncij->cij", "ncij,ncij->ij"
 
 
