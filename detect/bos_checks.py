@@ -86,7 +86,7 @@ class FrameCheck:
 
     @property
     def fault(self) -> RecordingFault | None:
-        """Why the frame cannot serve, None where it can."""
+        """Why the frame cannot be used, None where it can."""
         if max(map(abs, self.shift_px)) > MOST_SHIFT_PX or self.rigid_px > MOST_RIGID_PX:
             return RecordingFault.MOVED
         if self.light > MOST_LIGHT:
@@ -97,7 +97,7 @@ class FrameCheck:
 def reference_fault(
     reference: GreyImage, images: Sequence[GreyImage] = ()
 ) -> RecordingFault | None:
-    """Why nothing can be measured against this reference, None where it serves.
+    """Why nothing can be measured against this reference, None where it can be used.
 
     A plume that never moves is part of the background for any measurement, and passes.
 

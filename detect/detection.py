@@ -49,7 +49,7 @@ class Detection:
         llr: (H, W) natural-log likelihood ratio of refraction against none; 0 is no evidence.
         inverse_depth: (H, W) of the background along the optical axis, 1 / world unit; 0 at
             infinity, NaN where unknown. None where the detector does not measure it.
-        information: What all pixels together tell about the displacement, on fewer cells; None
+        information: Normal equations of the displacement, of all pixels, on fewer cells; None
             where the detector does not measure it, or could not in this frame.
     """
 
@@ -135,9 +135,9 @@ class Detector(Protocol):
 
     @property
     def uses_other_frames(self) -> bool:
-        """Whether frames that are not measured themselves serve those that are."""
+        """Whether a frame is measured by means of the others."""
         ...
 
     def detect(self, frames: Frames, index: int) -> Detection:
-        """Measures frame `index`; other frames may serve as neighbours or reference."""
+        """Measures frame `index`; others may be its neighbours or its reference."""
         ...

@@ -1,4 +1,4 @@
-"""Haze: air that moves all over the image, told from the noise that video codecs carry on.
+"""Haze: air that moves all over the image, and not the noise that video codecs carry on.
 
 Such noise lasts from frame to frame as moving air does, but it is not of the same displacement in
 windows that lie side by side, where air is. What a codec leaves was measured on still pictures

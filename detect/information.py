@@ -22,7 +22,7 @@ class DisplacementInformation:
 
     For displacements ``A t`` of a known shape t (px) and unknown size A, the sum of ``t . vector``
     over the pixels is the score and that of ``t . matrix t`` its variance, so their quotient is the
-    least-squares estimate of A. Nothing is damped: what a pixel cannot tell has no weight.
+    least-squares estimate of A. Nothing is damped: what a pixel does not show has no weight.
 
     Attributes:
         vector: (h, w, 2) matrix times the displacement that was measured, 1 / px; x right, y down.

@@ -57,8 +57,8 @@ class DetectorChoice:
         return self.parts[0].reliability
 
     @property
-    def tells_displacement(self) -> bool:
-        """Whether its detections tell what all pixels together show of the displacement."""
+    def has_information(self) -> bool:
+        """Whether its detections hold the information of all pixels."""
         return self.parts[0] in (REGISTERED, REGISTERED_PLAIN)
 
     @property
@@ -78,15 +78,15 @@ class DetectorChoice:
         found = [part.find_weights(given) for part, given in self._weights_given(weights)]
         return [path for path in found if path is not None]
 
-    def empty_frames_note(self, empty: int, frames: int, *, told: bool = False) -> str | None:
+    def empty_frames_note(self, empty: int, frames: int, *, with_count: bool = True) -> str | None:
         """What to note where `empty` of the frames hold no evidence; None where nothing is.
 
-        Where the reader is told so elsewhere, only what else to try.
+        Without the count it says only what else to try.
         """
         first = self.parts[0]
         if not empty or first.empty_frames_note is None:
             return None
-        count = "" if told else first.empty_frames_note.format(empty=empty, frames=frames)
+        count = first.empty_frames_note.format(empty=empty, frames=frames) if with_count else ""
         return f"{count} {first.empty_frames_advice or ''}".strip()
 
     def make(
@@ -124,14 +124,14 @@ def make_displacement_only(
     """What measures the displacement alone, for more frames than the detector of that name does.
 
     Args:
-        name: Of a detector whose `DetectorChoice.tells_displacement` holds.
+        name: Of a detector whose `DetectorChoice.has_information` holds.
         neighbours: As of `make_detector`.
         points_in_world: As of `make_detector`.
 
     Raises:
         BadInputError: That detector gives no information on the displacement.
     """
-    if not DetectorChoice.parse(name).tells_displacement:
+    if not DetectorChoice.parse(name).has_information:
         raise BadInputError(f"{name} measures no displacement that adds up over frames")
     return DisplacementOnlyDetector(neighbours=neighbours, points_in_world=points_in_world)
 

@@ -31,8 +31,8 @@ def refuse_wide_lens(camera: Camera) -> None:
     """
     angle_deg = angle_of_view_deg(camera)
     if angle_deg > WIDEST_DEG:
-        told = f"{angle_deg:.0f} degrees" if np.isfinite(angle_deg) else "over 180 degrees"
+        angle = f"{angle_deg:.0f} degrees" if np.isfinite(angle_deg) else "over 180 degrees"
         raise BadInputError(
-            f"this lens sees {told}; wide lenses beyond {WIDEST_DEG:.0f} degrees are not "
+            f"this lens sees {angle}; wide lenses beyond {WIDEST_DEG:.0f} degrees are not "
             "supported: film with a narrower one, or crop the recording"
         )

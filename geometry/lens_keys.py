@@ -1,4 +1,4 @@
-"""Keys of a camera file that speak of its lens.
+"""Keys of a camera file that describe its lens.
 
 One that is not read is refused by name unless it is zero: a lens that is left out bends every ray.
 """
@@ -49,7 +49,7 @@ def refuse_unread_terms(block: Mapping[str, Any], known: Iterable[str], reader: 
         reader: What reads it, for the message.
 
     Raises:
-        BadInputError: A key that speaks of a lens is not known and not zero; named.
+        BadInputError: A key that describes a lens is not known and not zero; named.
     """
     read = set(known)
     for key, value in block.items():

@@ -27,7 +27,7 @@ from benchmarks.common.cost import children_peak_mib, peak_mib
 from benchmarks.growth.looped import loop_video, write_unit
 from geometry.arrays import GreyImage
 from geometry.processes import call_apart
-from locate.journal.progress import silent
+from locate.journal.progress import ignore_report
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording import open_recording
@@ -63,7 +63,7 @@ class Spent:
 
 def spend(recording: Path, output: Path, most: int, *, whole: bool, **_progress: object) -> Spent:
     """Runs, in a process of its own."""
-    run = Run(RunConfig(recording=recording, max_frames=most), output, report=silent)
+    run = Run(RunConfig(recording=recording, max_frames=most), output, report=ignore_report)
     if whole:
         run.run()
     else:
@@ -110,7 +110,7 @@ def measure(
     """The columns of a row; what it was measured on is removed."""
     with tempfile.TemporaryDirectory(dir=work) as place:
         recording = write(Path(place), count)
-        decoding_s = call_apart(decode, recording, name="decoding", report=silent)
+        decoding_s = call_apart(decode, recording, name="decoding", report=ignore_report)
         spent = call_apart(
             spend,
             recording,
@@ -118,7 +118,7 @@ def measure(
             most,
             whole=whole,
             name="a run",
-            report=silent,
+            report=ignore_report,
         )
     return {"decoding CPU s": decoding_s} | spent.numbers
 

@@ -25,7 +25,7 @@ from detect.registry import KINDS, make_detector
 from geometry.arrays import FloatMap, GreyImage
 from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate_map
-from locate.journal.progress import silent
+from locate.journal.progress import ignore_report
 from locate.map.plume import PlumeMap
 from locate.pipeline.decide import fuse_detections
 from locate.pipeline.detections import measure_frames
@@ -88,7 +88,7 @@ def find_inserted(
             points = load_points(run / "sfm" / "points.npz")
         detector = make_detector(detector_name, points_in_world=points)
         inserted = replace(source, folder=folder)
-        measure_frames(inserted, detector, folder / "detections", most=most, report=silent)
+        measure_frames(inserted, detector, folder / "detections", most=most, report=ignore_report)
         plume_map = fuse_detections(
             folder / "detections", inserted, folder / "evidence.npz", seed=0
         )

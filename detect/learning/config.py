@@ -140,7 +140,7 @@ class TrainingStage(_TrainingSettings):
         learning_rate: First and last; a cosine between.
         cosine_steps: Of that cosine; a longer one than the stage is cut off.
         losses: Weights of the losses.
-        least_px: Samples whose displacement stays below are left out: they drown the others.
+        least_px: Samples whose displacement stays below are left out, as they outweigh the others.
         augmentation: Instead of the training's own.
         blend: Share that the stage has in the weights it ends with; the rest is what it began
             with. In between lies what does well on old samples and new (Wortsman et al., Robust

@@ -36,7 +36,7 @@ def gain_towards(key: GreyImage, other: GreyImage, view: EpipolarGeometry) -> fl
         view: How pixels of the key frame move into it by relative inverse depth.
 
     Returns:
-        1 where the exposure is the same, or too few pixels tell.
+        1 where the exposure is the same, or too few pixels show it.
     """
     small, smaller_other = _shrink(key), _shrink(other)
     grid = pixel_grid(small.shape)
@@ -45,11 +45,11 @@ def gain_towards(key: GreyImage, other: GreyImage, view: EpipolarGeometry) -> fl
     predicted = np.asarray(view.flow(pixels, 1.0) / factor, np.float32)
     positions = grid + _matcher().calc(small, smaller_other, predicted)
     moved = sample(smaller_other, positions)
-    told = ((positions >= 0) & (positions <= grid[-1, -1])).all(axis=-1)
-    told &= (np.minimum(small, moved) > DARKEST) & (np.maximum(small, moved) < BRIGHTEST)
-    if told.mean() < ENOUGH:
+    usable = ((positions >= 0) & (positions <= grid[-1, -1])).all(axis=-1)
+    usable &= (np.minimum(small, moved) > DARKEST) & (np.maximum(small, moved) < BRIGHTEST)
+    if usable.mean() < ENOUGH:
         return 1.0
-    gain = float(np.median(small[told] / moved[told]))
+    gain = float(np.median(small[usable] / moved[usable]))
     return gain if abs(gain - 1) >= LEAST_CHANGE else 1.0
 
 

@@ -1,4 +1,4 @@
-"""Which photos and which simulated flows may serve for training, validation and test."""
+"""Which photos and which simulated flows are for training, validation and test."""
 
 import hashlib
 from pathlib import Path

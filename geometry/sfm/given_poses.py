@@ -75,12 +75,12 @@ def check_given_poses(trajectory: Trajectory, images: Sequence[GreyImage]) -> tu
             "The given poses could not be held against the images: too few details match between "
             "frames that moved.",
         )
-    told = f"{found.share:.0%} of the matches between frames"
+    support = f"{found.share:.0%} of the matches between frames"
     if found.share < MIN_SUPPORT:
         raise BadInputError(
-            f"the poses explain only {told} (needs {MIN_SUPPORT:.0%}): they are of other frames, "
-            "of another camera, or turned otherwise; check names, indices, times and axes, or "
-            "leave the poses out"
+            f"the poses explain only {support} (needs {MIN_SUPPORT:.0%}): they are of other "
+            "frames, of another camera, or turned otherwise; check names, indices, times and axes, "
+            "or leave the poses out"
         )
     if found.focal_factor != 1:
         change = f"{abs(found.focal_factor - 1):.0%}"
@@ -95,7 +95,7 @@ def check_given_poses(trajectory: Trajectory, images: Sequence[GreyImage]) -> tu
             "far more of the matches between frames.",
         )
     if found.share < MIN_SUPPORT_ALONE:
-        return (f"The given poses are doubtful: they explain only {told}.",)
+        return (f"The given poses are doubtful: they explain only {support}.",)
     return ()
 
 

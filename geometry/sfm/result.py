@@ -85,6 +85,6 @@ def _check_points(
         raise ValueError("its points have other shapes")
     for rows in (visible, visible_counts):
         if rows.ndim != 1 or rows.dtype.kind not in "iu":
-            raise ValueError("which points a frame sees is not told by rows")
+            raise ValueError("the points that a frame sees are not given by their rows")
     if len(visible) and (visible.min() < 0 or visible.max() >= count):
-        raise ValueError("a frame sees points that are none")
+        raise ValueError("a frame sees points that are not in the file")

@@ -68,7 +68,7 @@ def group_zooms(focal_px: FloatArray) -> list[IntArray]:
     """The rows of each zoom among N focal lengths, the largest group first; all in one if unclear.
 
     Zooms are taken apart where both sides of a gap hold several images and are far narrower than
-    it; single images that are off, and focal lengths that scatter, tell nothing.
+    it; single images that are off, and focal lengths that scatter, are no zooms.
     """
     logs = np.log(focal_px)
     order = np.argsort(logs)

@@ -12,7 +12,7 @@ from geometry.errors import BadInputError
 from geometry.processes import count_cores
 from locate.commands.console import WEIGHTS, Output, Quiet, Verbose, err, out
 from locate.journal.log import log_to_file
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.journal.whole_run import run_bar
 from locate.pipeline.config import DetectorName, Lens, RunConfig, read_settings
 from locate.pipeline.effort import EFFORTS, Effort
@@ -323,7 +323,7 @@ def _run(
 
     files = RunFiles(output)
     bar: AbstractContextManager[Report] = (
-        run_bar(err) if shown is Shown.USUAL else nullcontext(silent)
+        run_bar(err) if shown is Shown.USUAL else nullcontext(ignore_report)
     )
     with bar as report:
         from locate.pipeline.run import Run

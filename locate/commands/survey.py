@@ -8,7 +8,7 @@ import typer
 from geometry.named_paths import resolve_path
 from locate.commands.console import Verbose, Weights, err, out
 from locate.journal.log import log_to_file
-from locate.journal.progress import progress_bars, silent
+from locate.journal.progress import ignore_report, progress_bars
 from locate.pipeline.config import DetectorName
 
 
@@ -90,7 +90,7 @@ def survey(
                 folder,
                 settings=before.model_copy(update=given),
                 scheduler=scheduler,
-                report=silent if verbose else report,
+                report=ignore_report if verbose else report,
             )
     out.print(survey_table(done))
     for note in done.notes:

@@ -17,8 +17,8 @@ from locate.map.plume import Plume
 FAR_UNITS = 1.0
 """A column farther than this from a plume, units of fusion, is not what that plume left; chosen."""
 KEPT_SHARE = 0.5
-"""A column with less than this share of its evidence once a stronger one is masked out is the
-ghost of it; set on four flights of the simulated campaign (docs/archive/tried.md)."""
+"""Share of its evidence that a stronger column must keep once another is masked out; otherwise the
+other is no plume. Set on four flights of the simulated campaign (docs/archive/tried.md)."""
 SAME_PLACE_UNITS = 0.2
 """Sources nearer than this, units of fusion, are one plume's; chosen by hand."""
 PAIR_STRENGTH = 2
@@ -65,8 +65,8 @@ def suppress_overlaps(
 ) -> list[PlumeColumn]:
     """The columns above the level once those before them are masked out, strongest first.
 
-    One that lives on the evidence of a stronger one is its ghost: without it the other has less
-    than `KEPT_SHARE` of its own.
+    A column is left out where a stronger one has less than `KEPT_SHARE` of its evidence once that
+    column is masked out: both hold the same.
     """
     masked, above = views, []
     for column in columns:

@@ -38,7 +38,7 @@ FREE_OF_EVIDENCE = {"unit", "bending_px", "lowest_background"}
 class Views:
     """V views of evidence.
 
-    The last of them may tell their displacement alone, by their information: they have no evidence
+    The last of them may hold information of the displacement alone: they have no evidence
     of pixels (llr 0, sigma inf).
 
     Attributes:
@@ -52,7 +52,7 @@ class Views:
             these maps squared; so many pixels count as one independent sample.
         information: V normal equations of the displacement, as large as the maps; empty where
             the detector does not measure them.
-        displacement_only: How many of the views, the last ones, tell their displacement alone.
+        displacement_only: How many of the views, the last ones, hold information alone.
     """
 
     trajectory: Trajectory
@@ -77,7 +77,7 @@ class Views:
             detections: Those without inverse depth hold no evidence in 3D.
             trajectory: The V poses of these and of the next; the camera is the pinhole of the
                 full-size frames.
-            displacements: Detections that tell the displacement alone.
+            displacements: Detections with information alone.
         """
         factor = min(1.0, MAP_WIDTH_PX / trajectory.camera.width)
         camera = trajectory.camera.scaled(factor)
@@ -158,7 +158,7 @@ class Views:
     def unit(self) -> float:
         """A tenth of the median range to the background, world units: the unit of fusion.
 
-        Views that tell their displacement alone do not count, so that they do not change it.
+        Views with information alone do not count, so that they do not change it.
         """
         measured = self.inverse_depth[: len(self) - self.displacement_only]
         finite = measured[measured > 0]

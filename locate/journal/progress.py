@@ -24,7 +24,7 @@ Report: TypeAlias = Callable[[str, float], None]
 """Takes the name of a stage and the share of it that is done; below 0 it has no known end."""
 
 
-def silent(stage: str, share: float) -> None:
+def ignore_report(stage: str, share: float) -> None:
     """A progress report that nobody reads."""
 
 
@@ -77,7 +77,7 @@ def progress_bars(console: Console) -> Iterator[Report]:
     Shares below 0 have no known end.
     """
     if not console.is_terminal:
-        yield silent
+        yield ignore_report
         return
     columns = (
         TextColumn("{task.description}", markup=False),

@@ -10,16 +10,16 @@ from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task, TextCol
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 
 USUAL_S = {"frames": 2.0, "poses": 8.0, "detections": 15.0, "fusion": 15.0, "report": 2.5}
 """Of each stage, what the bundled sample takes where nothing else runs, about, s."""
 READING = "frames"
-"""Takes as long as the recording is, which tells nothing of the others."""
-TRUSTED_S = 2.0
-"""So many usual seconds are taken to pass as usual, before what has passed counts more."""
-TOLD = 0.02
-"""Share of a stage that tells how long all of it takes."""
+"""Takes as long as the recording is; the others do not depend on that."""
+PRIOR_S = 2.0
+"""Seconds at the usual pace that are added to those measured, so that few of these decide less."""
+LEAST_SHARE = 0.02
+"""Share of a stage from which on its own pace counts."""
 LEAST_LEFT = 0.02
 """Share of a stage that is left at least until it ends."""
 
@@ -89,16 +89,16 @@ class RunProgress:
         if stage.share >= 1:
             return 0.0
         whole_s = USUAL_S[self.stage] * self._pace()
-        if stage.share > TOLD:
+        if stage.share > LEAST_SHARE:
             whole_s = (stage.reported_s - stage.begun_s) / stage.share
         return max(whole_s - (self._clock() - stage.begun_s), LEAST_LEFT * whole_s)
 
     def _pace(self) -> float:
         """Seconds that pass for each usual one."""
-        told = [(name, one) for name, one in self._stages.items() if name != READING]
-        passed_s = sum(one.reported_s - one.begun_s for _, one in told)
-        usual_s = sum(USUAL_S[name] * one.share for name, one in told)
-        return (TRUSTED_S + passed_s) / (TRUSTED_S + usual_s)
+        measured = [(name, one) for name, one in self._stages.items() if name != READING]
+        passed_s = sum(one.reported_s - one.begun_s for _, one in measured)
+        usual_s = sum(USUAL_S[name] * one.share for name, one in measured)
+        return (PRIOR_S + passed_s) / (PRIOR_S + usual_s)
 
 
 class _WholeBar(ProgressColumn):
@@ -128,7 +128,7 @@ class _TimeLeft(ProgressColumn):
 def run_bar(console: Console) -> Iterator[Report]:
     """One bar for all stages of a run, where someone looks at the console; else nothing."""
     if not console.is_terminal:
-        yield silent
+        yield ignore_report
         return
     run = RunProgress()
     columns = (SpinnerColumn(), TextColumn("{task.description}"), _WholeBar(run), _TimeLeft(run))

@@ -1,6 +1,6 @@
 """Image messages as every transport carries them, to arrays.
 
-Messages are taken by their fields, so those of rclpy, rosbags and cyclonedds all serve.
+Messages are taken by their fields, so those of rclpy, rosbags and cyclonedds are all read.
 """
 
 from dataclasses import dataclass

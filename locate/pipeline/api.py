@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from locate.journal.log import log_to_file
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.files import RunFiles
@@ -16,7 +16,7 @@ def run(
     output: str | Path,
     *,
     force: bool = False,
-    report: Report = silent,
+    report: Report = ignore_report,
     jobs: int = 1,
     **settings: Any,
 ) -> PlumeMap:

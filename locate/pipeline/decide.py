@@ -17,7 +17,7 @@ from locate.fusion.find import FoundPlumes, find_plumes
 from locate.fusion.limit import RADIUS_UNITS
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.map.answer import Answer, Cause, Obstacle
 from locate.map.plume import PlumeMap
 from locate.pipeline.detections import load_detections, load_response
@@ -89,7 +89,7 @@ def fuse_detections(
     seed: int,
     coarse_coding: bool = False,
     more: MoreFrames | None = None,
-    report: Report = silent,
+    report: Report = ignore_report,
 ) -> PlumeMap:
     """Fuses the detections; writes the summed evidence where there is any.
 

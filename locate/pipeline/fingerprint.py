@@ -1,4 +1,4 @@
-"""What tells an input, or the code of a stage, from another."""
+"""Digests of inputs and of the code of stages, which change when these do."""
 
 import hashlib
 import os

@@ -18,7 +18,7 @@ from geometry.removal import remove_inside
 from geometry.text_files import read_json
 from geometry.threads import with_one_blas_thread
 from locate.export.pictures import displacement_picture, overlay_evidence
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.recording.frame_files import FrameFiles
 from locate.recording.images import write_png
 from locate.recording.recording import ANY_SIDE, open_recording
@@ -70,7 +70,7 @@ def detect_frames(
     camera: Path | None = None,
     every: int = 1,
     threshold_nats: float = MASK_NATS,
-    report: Report = silent,
+    report: Report = ignore_report,
 ) -> list[FrameSummary]:
     """Writes detections, masks, pictures and a video of every frame.
 
@@ -80,8 +80,8 @@ def detect_frames(
         detector: Measures the frames.
         poses: Of the frames, for a detector that needs them; frames without one are left out.
         camera: A JSON file with the camera of the poses.
-        every: Of so many frames, one is measured; the others still serve it where the detector
-            compares frames.
+        every: Of so many frames, one is measured; it is still compared with the others by a
+            detector that compares frames.
         threshold_nats: A pixel with more evidence is in the mask.
         report: Takes the progress.
 

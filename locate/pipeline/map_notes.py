@@ -47,11 +47,11 @@ def map_notes(
         detector: That made them.
         trajectory: Of the camera.
         found: What they show.
-        obstacles: What kept it from judging, which the reader is told too.
+        obstacles: What kept the run from judging; the map states them too.
         more: Frames of which the displacement alone was measured.
     """
-    told = any(obstacle.cause is Cause.SILENT_FRAMES for obstacle in obstacles)
-    notes = empty_frames_notes(measured, detector, told=told)
+    counted = any(obstacle.cause is Cause.SILENT_FRAMES for obstacle in obstacles)
+    notes = empty_frames_notes(measured, detector, with_count=not counted)
     if more:
         notes.append(MORE_FRAMES.format(measured=len(measured), more=more))
     if not trajectory.metric:
@@ -79,17 +79,17 @@ def full_size_notes(key_frames: KeyFrames) -> tuple[str, ...]:
 
 
 def empty_frames_notes(
-    found: Sequence[Detection], detector: DetectorChoice, *, told: bool = False
+    found: Sequence[Detection], detector: DetectorChoice, *, with_count: bool = True
 ) -> list[str]:
     """How many of the frames hold no evidence, where the detector has a note on that.
 
     Args:
         found: The detections.
         detector: That made them.
-        told: The reader knows how many; only what else to try is noted.
+        with_count: Say how many; otherwise only what else to try.
     """
     empty = sum(not each.llr.any() for each in found)
-    note = detector.empty_frames_note(empty, len(found), told=told)
+    note = detector.empty_frames_note(empty, len(found), with_count=with_count)
     return [] if note is None else [note]
 
 

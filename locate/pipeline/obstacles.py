@@ -67,11 +67,11 @@ def measured_obstacles(found: Sequence[Detection], *, depth: bool) -> tuple[Obst
 
     Args:
         found: The detections.
-        depth: Whether any of them tells how far the background is, where that is needed.
+        depth: Whether any of them measures how far the background is, where that is needed.
     """
-    judged = [float((each.llr != 0).mean()) for each in found]
-    speaking = [share for share in judged if share]
-    silent = len(judged) - len(speaking)
+    shares = [float((each.llr != 0).mean()) for each in found]
+    with_evidence = [share for share in shares if share]
+    empty = len(shares) - len(with_evidence)
     obstacles = []
     if not depth:
         obstacles.append(
@@ -81,21 +81,21 @@ def measured_obstacles(found: Sequence[Detection], *, depth: bool) -> tuple[Obst
                 remedy="Walk around the scene; do not only turn the camera.",
             )
         )
-    if silent > MOST_UNJUDGED * len(judged):
+    if empty > MOST_UNJUDGED * len(shares):
         obstacles.append(
             Obstacle(
                 cause=Cause.SILENT_FRAMES,
-                why=f"{silent} of {len(judged)} measured frames hold no evidence: the others could "
+                why=f"{empty} of {len(shares)} measured frames hold no evidence: the others could "
                 "not be registered to them well enough.",
                 remedy="Move slowly around a scene in which nothing else moves, with focus and "
                 "exposure locked.",
             )
         )
-    if speaking and np.mean(speaking) < 1 - MOST_UNJUDGED:
+    if with_evidence and np.mean(with_evidence) < 1 - MOST_UNJUDGED:
         obstacles.append(
             Obstacle(
                 cause=Cause.UNJUDGED_PIXELS,
-                why=f"Only {np.mean(speaking):.0%} of the pixels can be judged.",
+                why=f"Only {np.mean(with_evidence):.0%} of the pixels can be judged.",
                 remedy="Film before a background full of fine detail, such as brick, gravel or a "
                 "printed pattern, in focus and in good light.",
             )

@@ -10,7 +10,7 @@ from detect import registry
 from detect.registry import DetectorChoice
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.threads import with_one_blas_thread
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.map.plume import PlumeMap
 from locate.pipeline import decide, detections, frames, place, poses, publish
 from locate.pipeline.config import RunConfig
@@ -68,7 +68,7 @@ class Run:
         output: Path,
         *,
         force: bool = False,
-        report: Report = silent,
+        report: Report = ignore_report,
         jobs: int = 1,
     ) -> None:
         self.config = config
@@ -266,7 +266,7 @@ class Run:
     def _more_frames(self, plan: MeasurementPlan) -> MoreFrames | None:
         """How more frames are measured where the answer is unsure; None where none are."""
         amounts = self.config.amounts
-        if plan.posed.trajectory is None or not plan.detector.tells_displacement:
+        if plan.posed.trajectory is None or not plan.detector.has_information:
             return None
         if not amounts.displacement_frames:
             return None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from detect.detection import Detector
 from geometry.processes import start_call
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.pipeline.detections import measure_frames
 from locate.recording.posed_frames import PosedFrames
 
@@ -64,7 +64,7 @@ def measure_side_by_side(
                         skip,
                         (part, count),
                         name="measuring refraction",
-                        report=silent,
+                        report=ignore_report,
                     )
                 )
                 for part in range(1, count)
@@ -72,7 +72,7 @@ def measure_side_by_side(
             measure(report=report, share=(0, count))
             for wait in waits:
                 wait()
-        report = silent
+        report = ignore_report
     return measure(report=report)
 
 

@@ -37,7 +37,7 @@ def check_output_path(path: str) -> str:
 
 
 class FileDigest(BaseModel):
-    """What tells a file from an altered one.
+    """Size and digest of a file, which change when it is altered.
 
     Attributes:
         size: Bytes.
@@ -85,7 +85,7 @@ class Stamp(BaseModel):
 
     @classmethod
     def load(cls, path: Path) -> Self | None:
-        """Reads what `save` wrote; None where there is no stamp, or none that can be trusted."""
+        """Reads what `save` wrote; None where there is no stamp, or none that is whole."""
         try:
             return cls.model_validate_json(read_content(path))
         except (OSError, ValidationError):

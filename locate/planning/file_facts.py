@@ -1,4 +1,4 @@
-"""What a recording is, as far as its file tells."""
+"""What a recording is, as far as its file states it."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -13,7 +13,7 @@ from geometry.atomic import write_text_atomic
 from geometry.calibration_board import CalibrationBoard
 from geometry.errors import BadInputError
 from geometry.lens_calibration import BoardView, LensCalibration, LensName, calibrate_lens
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.recording.images import write_png
 from locate.recording.recording import ANY_SIDE, Recording, open_recording
 
@@ -49,7 +49,7 @@ def calibrate_recording(
     output: Path,
     *,
     lens: LensName | None = None,
-    report: Report = silent,
+    report: Report = ignore_report,
 ) -> CalibrationFiles:
     """Fits a camera to a recording of a board; writes it, and a picture of what it leaves.
 

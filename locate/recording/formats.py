@@ -1,4 +1,4 @@
-"""Formats of photos: told by name and content, and by which library each is read."""
+"""Formats of photos: recognised by name and content, and by which library each is read."""
 
 import struct
 from enum import Enum

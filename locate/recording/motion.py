@@ -27,7 +27,7 @@ _GRAIN_PX, _BLOCK_PX = 1.5, 9
 _CONTRAST_RATIO = 1.25
 """Ratio of the contrasts of two images from which one is matched to the other."""
 _TRACKABLE = 10
-"""Fewest corners by which a motion is told."""
+"""Fewest corners by which a motion is measured."""
 
 
 def track_corners(reference: GreyImage, image: GreyImage) -> tuple[FloatArray, FloatArray]:
@@ -110,7 +110,7 @@ class StillnessTest:
 
     The motion of the whole image is a robust similarity, so a plume does not count. Air that
     shimmers all over moves the image as a whole by no more than it scatters the tracks, and
-    scatters them by less than `_SHIMMER_PX`; parallax soon does more. Where nothing can be told
+    scatters them by less than `_SHIMMER_PX`; parallax soon does more. Where nothing can be measured
     the camera is not called still.
 
     Args:

@@ -1,4 +1,4 @@
-"""The photos of a folder, told from the other things that lie there."""
+"""The photos of a folder, apart from what else lies there."""
 
 import re
 from collections import Counter
@@ -25,7 +25,7 @@ MIN_USUAL = 2
 NOT_INSTALLED = ", extra not installed"
 """After the kind of a photo that only an extra reads."""
 HEAD_BYTES = 64 * 1024
-"""Of a TIFF file, in which its first directory stands that tells a raw photo."""
+"""Of a TIFF file, up to its first directory, by which a raw photo is recognised."""
 
 
 def list_photos(folder: Path) -> tuple[tuple[Path, ...], list[str]]:

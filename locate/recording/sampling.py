@@ -15,7 +15,7 @@ IN_A_ROW = 600
 
 
 class LookedAt:
-    """Tells frame by frame, in their order, which to look at; B frames are taken last.
+    """Decides frame by frame, in their order, which to look at; B frames are taken last.
 
     Args:
         expected: How many frames there are; 0 where that is unknown, so that all are looked at.

@@ -30,5 +30,5 @@ def _is_cover(stream: "av.VideoStream") -> bool:
 
 
 def _pixels(stream: "av.VideoStream") -> int:
-    """Of a frame; 0 where no codec tells."""
+    """Of a frame; 0 where no codec states it."""
     return 0 if stream.codec_context is None else stream.width * stream.height

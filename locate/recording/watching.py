@@ -26,7 +26,7 @@ THUMBNAIL_SIDE = 320
 FAINT = 0.12
 """Texture below which a frame shows nothing, over the median of the shot."""
 GOOD_TEXTURE = 3.0
-"""Texture from which on a first frame serves to compare the others with; usual ones have 6 to 14,
+"""Texture from which on a first frame is compared with the others; usual ones have 6 to 14,
 grey levels a px."""
 BRIGHTENING, FADE_IN_S = 2.0, 2.0
 """Factor of texture at which a weak first frame gives way to a later one, and how much later."""

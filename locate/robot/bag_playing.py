@@ -7,7 +7,7 @@ from typing import Any
 from detect.detection import Detector
 from geometry.errors import BadInputError
 from geometry.threads import with_one_blas_thread
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.map.plume import PlumeMap
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.wiring import Wiring
@@ -26,7 +26,7 @@ def locate_in_bag(
     wiring: Wiring,
     settings: LocatorSettings | None = None,
     detector: Detector | None = None,
-    report: Report = silent,
+    report: Report = ignore_report,
 ) -> PlumeMap:
     """Plays a bag into a `Locator`; writes map.json and a bag of its updates, plumes/plumes.mcap.
 

@@ -216,7 +216,7 @@ class OverlayRenderer:
 
     Args:
         trajectory: Of the frames.
-        photo_set: Its sparse points tell the surfaces.
+        photo_set: Its sparse points give the surfaces.
         fields: The plumes, with a gain of 1.
         progress: Called with the number of frames bent and their total.
 

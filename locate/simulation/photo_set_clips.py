@@ -42,7 +42,7 @@ def make_photo_set_clip(photos: PhotoSet, seed: int, *, flow_seed: int = 0) -> T
     Args:
         photos: The set; poses of its own structure from motion are errors enough.
         seed: Of everything but the flow.
-        flow_seed: Of the flow, which costs most and may serve several clips.
+        flow_seed: Of the flow, which costs most; several clips may share one.
 
     Raises:
         BadInputError: The set has no sparse points, which say where its surfaces are.

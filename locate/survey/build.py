@@ -13,7 +13,7 @@ from geometry.lock import hold_lock
 from geometry.named_paths import resolve_path
 from geometry.threads import with_one_blas_thread
 from locate import __version__
-from locate.journal.progress import Report, silent
+from locate.journal.progress import Report, ignore_report
 from locate.map.plume import Plume
 from locate.pipeline.files import RunFiles
 from locate.survey.answer import hotspots_of, notes_of, sightings_in
@@ -41,7 +41,7 @@ def build_survey(
     *,
     settings: SurveySettings | None = None,
     scheduler: str | None = None,
-    report: Report = silent,
+    report: Report = ignore_report,
 ) -> Survey:
     """Adds flights to a survey, or begins one, and writes its map.
 

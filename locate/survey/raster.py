@@ -14,7 +14,7 @@ EARTH_RADIUS_M = 6_371_000.0
 
 
 def left_out_notes() -> tuple[str, ...]:
-    """What to tell where the raster cannot be written for want of the extra ``survey``."""
+    """The note where the raster cannot be written for want of the extra ``survey``."""
     try:
         missing = find_spec("rasterio") is None
     except ValueError:  # forbidden by a test

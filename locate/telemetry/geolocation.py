@@ -32,7 +32,7 @@ def parse_geolocation(text: str, path: Path) -> TelemetryTrack:
 
     Raises:
         BadInputError: A line is of another form, or its latitude is none: then the order may be
-            another, which a header tells.
+            another, which a header states.
     """
     store, names = ColumnStore(), []
     for number, line in enumerate(text.splitlines(), start=1):

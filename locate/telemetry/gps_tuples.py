@@ -4,7 +4,7 @@ Known forms, each of one maker's files:
 
 - ``GPS(longitude,latitude,satellites)``: DJI until the Mini 2; the count is a whole number over 0.
 - ``GPS(latitude,longitude,altitudeM)``: Matrice 300; a capital M.
-- ``GPS(latitude,longitude,altitude) BAROMETER(height)``: Avata 2; the brackets tell it.
+- ``GPS(latitude,longitude,altitude) BAROMETER(height)``: Avata 2; recognised by the brackets.
 - ``GPS(E: longitude, N: latitude, altitude m)``: Autel; the letters say which is which.
 """
 
@@ -108,7 +108,7 @@ def decide_order(tuples: Sequence[GpsTuple]) -> TupleOrder:
     By their form; where that is not known, by a number over 90, which is no latitude.
 
     Raises:
-        UnknownForm: Forms and numbers contradict each other, or neither tells.
+        UnknownForm: Forms and numbers contradict each other, or neither decides.
     """
     plain = [entry for entry in tuples if entry.order is not TupleOrder.LETTERED]
     said = {entry.order for entry in plain} - {TupleOrder.UNKNOWN}

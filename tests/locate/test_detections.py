@@ -11,7 +11,7 @@ from detect.detection import Detection, Frames
 from detect.response import Response
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.journal.progress import silent
+from locate.journal.progress import ignore_report
 from locate.pipeline.detections import (
     load_detections,
     load_response,
@@ -46,7 +46,7 @@ def test_the_response_stands_beside_the_detections(
         indices=np.array([7]),
         camera=Camera.pinhole(16, 12, 20.0),
     )
-    measure_frames(recorded, Blind(response), tmp_path / "out", most=1, report=silent)
+    measure_frames(recorded, Blind(response), tmp_path / "out", most=1, report=ignore_report)
     assert load_response(tmp_path / "out") == response
     assert load_detections(tmp_path / "out")[:2] == ("blind", [7])
 

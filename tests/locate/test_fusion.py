@@ -575,7 +575,7 @@ def test_frames_without_evidence_are_counted() -> None:
     seen = replace(mute, llr=np.ones((4, 6), np.float32))
     (note,) = empty_frames_notes([mute, seen, mute], DetectorChoice.parse("registered+dybs"))
     assert note.startswith("2 of 3 frames")
-    (advice,) = empty_frames_notes([mute], DetectorChoice.parse("registered"), told=True)
+    (advice,) = empty_frames_notes([mute], DetectorChoice.parse("registered"), with_count=False)
     assert note.endswith(advice)
     assert advice.startswith("--detector registered-plain")
     assert empty_frames_notes([seen], DetectorChoice.parse("registered")) == []

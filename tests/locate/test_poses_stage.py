@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry.trajectory import Trajectory
-from locate.journal.progress import silent
+from locate.journal.progress import ignore_report
 from locate.pipeline import poses
 from locate.pipeline.config import RunConfig
 from locate.pipeline.files import RunFiles
@@ -42,7 +42,7 @@ def notes_of(
     key_frames = KeyFrames(frames=frames, width=640, height=480, is_video=is_video, static=False)
     source = RecordingSource(config=RunConfig(recording=folder / "a.mp4"), bag=None)
     files = RunFiles(folder)
-    poses.reconstruct_poses(source, key_frames, files, files, silent)
+    poses.reconstruct_poses(source, key_frames, files, files, ignore_report)
     return poses.load_pose_notes(files)
 
 

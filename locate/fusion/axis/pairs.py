@@ -39,7 +39,7 @@ FIT_PASSES = 2
 LEAST_GAP_RADII = 3.0
 """Distance of two axes, in radii of a narrow plume, from which on a view can tell them apart."""
 LEAST_SEPARATION = 4.0
-"""What two plumes need of `_separation_score`: of 35 single plumes that served to develop it
+"""What two plumes need of `_separation_score`: of 35 single plumes by which it was developed
 none had more than 0, of six pairs 1 m apart five had 3.5 to 97."""
 LEAST_SHARE = 0.55
 """What the displacement turns at the weaker axis at least, of that at the stronger one: pairs

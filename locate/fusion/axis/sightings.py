@@ -12,7 +12,7 @@ from locate.fusion.views import Views
 
 HEIGHTS, SECTIONS = 6, (0.0, 0.07, 0.15, 0.25, 0.37, 0.5, 0.7, 1.0)
 """Rows sampled per section, and where sections begin and end, in heights of the column: finer near
-its base, set on the plants that served to develop it (docs/archive/tried.md)."""
+its base, set on the plants by which it was developed (docs/archive/tried.md)."""
 VIEW_SAW_NATS = 0.5
 """Evidence from which on a view shows a column; chosen by hand."""
 AGREEING_SHARE, FEWEST_AGREEING = 0.9, 4

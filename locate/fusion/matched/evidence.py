@@ -1,4 +1,4 @@
-"""What each pixel says for one turn: the evidence that its source and its extent are taken from."""
+"""Evidence of each pixel for one turn, from which its source and its extent are taken."""
 
 from dataclasses import replace
 
@@ -22,9 +22,9 @@ BELOW_UNITS = 1.0
 
 
 def with_turn_evidence(views: Views, turn: Turn) -> Views:
-    """The views, and for evidence in those without any what the pixels say for one turn.
+    """The views, those without evidence with the evidence of their pixels for one turn.
 
-    That is their log-likelihood ratio of a turn of the size that all views together show against
+    That is the log-likelihood ratio of a turn of the size that all views together show against
     none. All of them together have half the square of its sigmas, as errors that neighbouring
     pixels share make the sum of what each states too large.
     """
@@ -38,10 +38,10 @@ def with_turn_evidence(views: Views, turn: Turn) -> Views:
     llr = size_px * score - size_px**2 / 2 * variance
     total = max(float(llr.sum()), 1e-9)
     nats = turn.sigmas**2 / 2
-    silent = ~views.llr.any(axis=(1, 2), keepdims=True)
-    correlation_px2 = CORRELATION_PX2 if silent.all() else views.correlation_px2
+    empty = ~views.llr.any(axis=(1, 2), keepdims=True)
+    correlation_px2 = CORRELATION_PX2 if empty.all() else views.correlation_px2
     turning = (llr * (nats / total * correlation_px2)).astype(np.float32)
-    filled = views.with_evidence(np.where(silent, turning, views.llr))
+    filled = views.with_evidence(np.where(empty, turning, views.llr))
     return replace(filled, correlation_px2=correlation_px2)
 
 

@@ -40,7 +40,7 @@ of weak pixels, the second on seven of strong ones (docs/weak_plumes.md)."""
 AXIS_TRIES = 4
 """How often an axis is searched for: the columns that weak evidence fits best are far too wide at
 times; chosen by hand."""
-MOSTLY_SILENT = 0.5
+MOSTLY_EMPTY = 0.5
 """Share of the views without evidence of pixels above which the axis is the turn's own: sections of
 single views place it worse then. Set on six places of one recording (docs/weak_plumes.md)."""
 
@@ -72,7 +72,7 @@ class TurnSearch:
 
     @classmethod
     def of_views(cls, views: Views, grid: EvidenceGrid, rng: np.random.Generator) -> Self | None:
-        """None where no view tells anything about the displacement, or too few show any place."""
+        """None where no view has information, or too few show any place."""
         places = grid.box.centers_in_world(np.argwhere(grid.weight >= SHOWN_PLACE).astype(float))
         if not views.information or not len(places):
             return None
@@ -166,10 +166,9 @@ def _measure_turn(
     measured = _try_axis(filled, column, rng)
     weak = strength.nats_per_view < CLUTTER_NATS
     near = SAME_AXIS_UNITS if weak else SAME_STRONG_AXIS_UNITS
-    on_turn = bool(np.mean(~views.by_pixels.llr.any(axis=(1, 2))) > MOSTLY_SILENT)
+    on_turn = bool(np.mean(~views.by_pixels.llr.any(axis=(1, 2))) > MOSTLY_EMPTY)
     if measured is None or turn.column.widest_gap_to(measured[0]) > near * views.unit:
-        # The evidence of pixels shows no axis, or lies elsewhere: what they say for the turn counts
-        # alone.
+        # The evidence of pixels shows no axis, or lies elsewhere: that for the turn counts alone.
         filled = with_turn_evidence(views.with_evidence(np.zeros_like(views.llr)), turn)
         measured = _try_axis(filled, column, rng) or measured
         on_turn = True
@@ -207,7 +206,7 @@ def join_turn(
 
 
 def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) -> float:
-    """What the pixels of a column near this one say for a plume, nats."""
+    """The most evidence of pixels that a column near this one has, nats."""
     starts = np.repeat(column.array[None], STARTS, axis=0)
     starts[1:, [X, Y]] += rng.normal(0, START_UNITS * views.unit, (STARTS - 1, 2))
     evidence = partial(column_evidence, views)

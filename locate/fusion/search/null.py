@@ -27,9 +27,9 @@ FEWEST_DRAWS = 4
 CLEAR_FACTOR = 2.0
 """They end where this many times the level is below the floor or every column; chosen by hand."""
 FALSE_ALARM = 0.01
-"""Probability that a volume without plumes yields one; the promise of the map, chosen by hand."""
+"""Probability that a volume without plumes yields one; chosen by hand."""
 SMALLEST_SHIFT = 0.12
-"""Least turn of a view's maps, in their widths: less leaves some of the agreement; by hand."""
+"""Least turn of a view's maps, in their widths: less leaves some agreement; chosen by hand."""
 SMALLEST_SCALE_NATS = 1.0
 """Least scale of the Gumbel distribution, for draws that are alike by luck; chosen by hand."""
 

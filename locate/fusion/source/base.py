@@ -49,7 +49,7 @@ BELONGING_SHARE = 0.5
 INDEPENDENT_SHARE = 0.16
 """Share of the evidence along the axis that counts as independent."""
 MISLED_SHARE = 0.05
-"""Probability that the evidence along the axis tells nothing about the source."""
+"""Probability that the evidence along the axis does not depend on the source."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +112,7 @@ def locate_base(views: Views, column: PlumeColumn) -> PlumeBase:
     uniform = (1 - SURFACE_PRIOR) / max(len(candidates) - 1, 1)
     at_surface = SURFACE_PRIOR if contact.found else uniform
     prior = np.r_[at_surface, np.full(len(candidates) - 1, uniform)]
-    # 3. The mean where the evidence tells, and the spread about it though it may mislead.
+    # 3. The mean by this evidence, and the spread about it, as it may mislead.
     mean = float(_normalise(prior * likelihood) @ candidates)
     misled = MISLED_SHARE / len(candidates)
     weight = _normalise(prior * ((1 - MISLED_SHARE) * likelihood + misled))

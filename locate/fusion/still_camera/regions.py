@@ -8,7 +8,7 @@ import numpy as np
 from geometry.arrays import BoolArray
 
 FALSE_ALARM = 0.01
-"""Probability that an image without plumes yields a region; the promise of the map, by hand."""
+"""Probability that an image without plumes yields a region; chosen by hand."""
 
 
 class ImageRegion(NamedTuple):
