@@ -27,7 +27,8 @@ from benchmarks.common.edited import EDITS, video_of, write_edited
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError, LocateError
-from geometry.pose_files import read_named_poses, resize_camera
+from geometry.named_poses import resize_camera
+from geometry.pose_files import read_named_poses
 from geometry.sfm import Reconstruction, reconstruct
 from geometry.sfm.checks import compare_paths
 from geometry.sfm.covariance import gauge_projector

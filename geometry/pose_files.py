@@ -21,7 +21,7 @@ from geometry.camera import Camera
 from geometry.colmap_files import read_colmap_model
 from geometry.errors import BadInputError
 from geometry.lens_terms import merge_cameras, read_transforms_camera, write_camera_block
-from geometry.named_poses import NamedPoses, resize_camera
+from geometry.named_poses import NamedPoses
 from geometry.pose_lists import read_pose_list
 from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
@@ -96,7 +96,7 @@ def write_colmap_model(
     model = pycolmap.Reconstruction()
     camera = trajectory.camera.to_colmap(camera_id=1)
     model.add_camera_with_trivial_rig(camera)
-    for i, name in enumerate(names or default_names(trajectory)):
+    for i, name in enumerate(names or _default_names(trajectory)):
         pose = pycolmap.Rigid3d(
             pycolmap.Rotation3d(trajectory.rotations[i]), trajectory.translations[i]
         )
@@ -120,14 +120,14 @@ def write_transforms_json(
     matrices = np.tile(np.eye(4), (len(trajectory), 1, 1))
     matrices[:, :3, :3] = rotations
     matrices[:, :3, 3] = trajectory.centers_in_world
-    named = zip(names or default_names(trajectory), matrices, strict=True)
+    named = zip(names or _default_names(trajectory), matrices, strict=True)
     frames = [{"file_path": name, "transform_matrix": m.tolist()} for name, m in named]
     path.write_text(
         json.dumps({**write_camera_block(trajectory.camera), "frames": frames}, indent=1)
     )
 
 
-def default_names(trajectory: Trajectory) -> list[str]:
+def _default_names(trajectory: Trajectory) -> list[str]:
     """``{index:06d}.png`` of every frame."""
     return [f"{index:06d}.png" for index in trajectory.indices]
 
@@ -215,15 +215,3 @@ def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None)
     return NamedPoses(
         trajectory=_checked_trajectory(path, own, rotations, translations), names=names, path=path
     )
-
-
-__all__ = [
-    "NamedPoses",
-    "default_names",
-    "read_named_poses",
-    "read_poses",
-    "resize_camera",
-    "write_colmap_model",
-    "write_transforms_json",
-    "write_tum",
-]

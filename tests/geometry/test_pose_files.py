@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from geometry.named_poses import read_camera
+from geometry.named_poses import NamedPoses, read_camera
 from geometry.pose_files import (
-    NamedPoses,
     read_named_poses,
     read_poses,
     write_colmap_model,
