@@ -13,9 +13,13 @@ from geometry.arrays import FloatArray, FloatMap, GreyImage
 from geometry.errors import BadInputError
 
 WINDOW_PX = 4.0
+"""Standard deviation of the window of texture and of what the flow leaves, px; chosen by hand."""
 GREY_NOISE_FLOOR = 0.5
+"""Least noise of an image, grey levels."""
 METHOD_FLOOR_PX = 0.01
+"""Least sigma of a displacement."""
 LARGEST_SCALE = 3.0
+"""By which the scatter of a frame may widen sigma; chosen by hand."""
 
 
 class BosDetector:

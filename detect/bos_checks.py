@@ -14,19 +14,33 @@ from detect.warp import blur, pixel_grid, sample
 from geometry.arrays import FloatArray, FloatMap, GreyImage
 
 BLOCK_PX = 32
+"""Side of the blocks whose brightness is compared."""
 DARK = 8.0
+"""Grey level below which changes are not taken relative to the block's own."""
 MOST_LIGHT = 0.005
+"""Largest relative change of brightness; chosen by hand, as are the limits below."""
 MOST_SHIFT_PX = 1.0
+"""Largest shift of the whole frame."""
 MOST_RIGID_PX = 0.05
+"""Most by which the median flow may fall when its rotation, zoom and shear are taken out."""
 THINNING, ITERATIONS, SMALL_PX = 4, 15, 0.01
+"""Of that fit: one of so many rows and columns, rounds of weights, and least deviation."""
 UNEXPLAINED = 12.0
+"""Difference that the flow leaves, from which on a pixel is unexplained, grey levels."""
 MOST_UNEXPLAINED_SHARE = 0.1
+"""Largest share of such pixels."""
 CLIPPED = (1, 254)
+"""Grey levels from which on, down and up, a pixel is under- and overexposed."""
 MOST_CLIPPED_SHARE = 0.1
+"""Largest share of such pixels in a reference."""
 LEAST_TEXTURE = 4.0
+"""Texture of a pixel against which flow is measured, (grey levels per px) squared."""
 LEAST_TEXTURED_SHARE = 0.25
+"""Least share of such pixels in a reference."""
 MOST_PLUME_SHARE = 0.005
+"""Largest share of the pixels in which frames of the reference have evidence for a plume."""
 REFERENCE_FRAMES_SEEN = 9
+"""Frames of the reference in which a plume is looked for."""
 
 
 class RecordingFault(Enum):

@@ -9,16 +9,29 @@ from detect.warp import blur
 from geometry.arrays import BoolArray, FloatMap
 
 LLR_MIN, LLR_MAX = -1.5, 4.0
+"""Bounds of the evidence of a pixel, nats; chosen by hand."""
 POOLED_MOST = 6.0
+"""Upper bound before neighbouring pixels are averaged, nats; chosen by hand."""
 POOL_PX = 5.0
+"""Standard deviation of the window of that average, px; chosen by hand."""
 POOL_LONELY = 0.05
+"""Added to its weights, so that few trusted pixels give little evidence; chosen by hand."""
 AMPLITUDES_PX = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""Standard deviations of w in a plume, each as likely as the others."""
 NULL_FREEDOM = 3.0
+"""Degrees of freedom of the Student t of flow errors; chosen by hand."""
 TEXTURE_CLASSES = 5
+"""Of equal size, each with a scale of sigma of its own."""
 TEXTURE_HALF = 1.5
+"""Texture with which evidence counts half, (grey levels per px) squared; chosen by hand."""
 NULL_QUANTILE = 0.3
+"""Of |w| / sigma, which is compared with that of still air: few plume pixels lie below."""
 RAYLEIGH_AT_QUANTILE = float(np.sqrt(-2 * np.log(1 - NULL_QUANTILE)))
+"""That of still air: the length of a normal vector follows Rayleigh's distribution."""
 SMALLEST_CLASS = 200
+"""Pixels that a scale is taken from, at least."""
+LEAST_SCALE = 0.5
+"""By which sigma is multiplied."""
 
 
 def displacement_evidence(
@@ -71,7 +84,7 @@ def null_scale(
         sample = ratios[kinds == k]
         if len(sample) >= SMALLEST_CLASS:
             quantile = float(np.quantile(sample, NULL_QUANTILE))
-            scales[k] = max(quantile / RAYLEIGH_AT_QUANTILE, 0.5)
+            scales[k] = max(quantile / RAYLEIGH_AT_QUANTILE, LEAST_SCALE)
     return np.asarray(scales[classes])
 
 

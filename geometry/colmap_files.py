@@ -1,7 +1,8 @@
 """COLMAP models from strangers.
 
 COLMAP's own reader trusts every count of a binary file: one cut short makes it spin for hours or
-take all memory, so the records are counted through here first. In texts it knows no mark.
+take all memory, so the records are counted through here first. Nor does it read texts that begin
+with a byte order mark, which is taken out here.
 """
 
 import struct

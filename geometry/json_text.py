@@ -1,4 +1,4 @@
-"""JSON that was read from a file that may be hostile."""
+"""JSON text from a file that may be hostile."""
 
 import json
 from typing import Any
@@ -8,7 +8,7 @@ LARGEST_INT = 2**63 - 1
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What a JSON text says.
+    """The content of a JSON text.
 
     Raises:
         ValueError: It is not JSON, nested so deeply that no file of ours is, gives a name twice, or

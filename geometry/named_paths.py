@@ -1,4 +1,4 @@
-"""Paths that somebody named, who may have named anything."""
+"""Paths as users give them, which may be invalid or lead in circles."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from geometry.errors import BadInputError
 
 
 def is_there(path: Path) -> bool:
-    """Whether a file or folder is there; none is by a name that no file system takes."""
+    """Whether a file or folder exists; False too for a name that no file system takes."""
     try:
         path.stat()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Arrays in .npz files: written whole or not at all, never unpickled, and maybe broken."""
+"""Arrays in .npz files, which are written whole or not at all, and read without unpickling."""
 
 import math
 import struct

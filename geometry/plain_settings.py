@@ -1,4 +1,4 @@
-"""Settings that people write into files."""
+"""Settings that users write into files."""
 
 from collections.abc import Iterator
 from typing import Any, get_args
@@ -7,17 +7,17 @@ from pydantic import BaseModel, ConfigDict, model_validator
 
 
 class PlainSettings(BaseModel):
-    """Settings that stay as they are read: none is unknown, and no truth value is a number.
+    """Settings that refuse unknown names, truth values in place of numbers, and zero bytes.
 
-    YAML reads ``yes``, ``on`` and ``true`` as truth values, of which pydantic would make 1. A text
-    with a zero byte names nothing: no file system and no other library takes it.
+    YAML reads ``yes``, ``on`` and ``true`` as truth values, which pydantic would turn into 1. No
+    file system and no other library takes a text with a zero byte.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     @model_validator(mode="before")
     @classmethod
-    def _refuse_what_means_nothing(cls, content: Any) -> Any:
+    def _refuse_ambiguous_values(cls, content: Any) -> Any:
         for name, value in content.items() if isinstance(content, dict) else ():
             field = cls.model_fields.get(name)
             found = list(_scalars_in(value))

@@ -1,4 +1,4 @@
-"""Files that can be read to their end: pipes, sockets and devices end when somebody else likes."""
+"""Regular files: pipes, sockets and devices are refused, as reading them may never end."""
 
 import errno
 import os
@@ -10,7 +10,7 @@ from geometry.errors import BadInputError
 
 STREAM = "a pipe or a device; store it as a file and give that"
 MOST_BYTES = 2**30
-"""Of a file that is read at once; the largest photos have some hundred MiB."""
+"""Largest file that is read at once; the largest photos have some hundred MiB."""
 
 
 def is_stream(path: Path) -> bool:
@@ -18,11 +18,11 @@ def is_stream(path: Path) -> bool:
     try:
         return path.exists() and not path.is_file() and not path.is_dir()
     except OSError:
-        return False  # said by who reads it
+        return False  # reading it raises the same error
 
 
 def refuse_streams(path: Path) -> None:
-    """Refuses what other libraries would open and wait for.
+    """Refuses a path that another library would open and wait for.
 
     Raises:
         BadInputError: It is a pipe, a socket or a device.
@@ -32,7 +32,7 @@ def refuse_streams(path: Path) -> None:
 
 
 def refuse_streams_within(path: Path) -> None:
-    """Likewise of a file, or of a folder whose files another library opens.
+    """Refuses a file that another library would wait for, or a folder with one directly in it.
 
     Raises:
         BadInputError: One is a pipe, a socket or a device, or the folder cannot be read.
@@ -46,7 +46,7 @@ def refuse_streams_within(path: Path) -> None:
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Opens a file to be read; waits for no writer of a pipe.
+    """Opens a file for reading, without waiting for the writer of a pipe.
 
     Raises:
         OSError: It cannot be opened, or is a pipe or a device.
@@ -55,7 +55,7 @@ def open_regular(path: Path) -> BufferedReader:
 
 
 def read_start(path: Path, most: int) -> bytes:
-    """The first bytes of a file, at most so many.
+    """The first bytes of a file, at most `most`.
 
     Raises:
         BadInputError: It cannot be read, or is a pipe or a device.
@@ -68,7 +68,7 @@ def read_start(path: Path, most: int) -> bytes:
 
 
 def append_regular(path: Path) -> TextIOWrapper:
-    """Opens a text file to write on at its end; waits for no reader of a pipe.
+    """Opens a text file for appending, without waiting for the reader of a pipe.
 
     Raises:
         OSError: It cannot be opened, or is a pipe or a device.
@@ -92,7 +92,7 @@ def read_content(path: Path) -> bytes:
 def _open_regular(path: str, flags: int) -> int:
     descriptor = os.open(path, flags | os.O_NONBLOCK, 0o666)
     kind = os.fstat(descriptor).st_mode
-    if stat.S_ISREG(kind) or stat.S_ISDIR(kind):  # of a folder `open` itself says so
+    if stat.S_ISREG(kind) or stat.S_ISDIR(kind):  # `open` itself refuses a folder
         return descriptor
     os.close(descriptor)
     raise OSError(errno.EINVAL, STREAM, path)

@@ -11,7 +11,7 @@ LONGEST_NAME = 255
 
 
 def is_plain_name(name: object) -> bool:
-    """Whether a name that was read from a file names one thing directly below a folder."""
+    """Whether a name that was read from a file is that of one entry directly in a folder."""
     if not isinstance(name, str) or name in ("", ".", "..") or {"/", "\0"} & set(name):
         return False
     return len(name.encode(errors="surrogatepass")) <= LONGEST_NAME

@@ -27,7 +27,7 @@ MARGIN = 0.05
 WIDE = 0.5
 """Share of all values from which on the range counts as used: then it is not stretched (chosen)."""
 FINEST_STEP = 0.25
-"""Fewest values a grey level: where there is no contrast, none is made of noise (chosen)."""
+"""Fewest values per grey level: where there is no contrast, noise is not made into it (chosen)."""
 CLIPPED = 0.01
 """Share of the samples outside the scale from which on it no longer fits an image (chosen)."""
 
@@ -55,7 +55,7 @@ class Stretch:
 
     Attributes:
         low: The value that becomes black.
-        step: Values a grey level.
+        step: Values per grey level.
         frames: Number of frames it was chosen from.
         real: The samples are real numbers, not of 16 bits.
     """
@@ -135,7 +135,7 @@ class Stretch:
         return in_8_bits(self.apply_finely(image))
 
     def apply_finely(self, image: DeepSamples) -> NDArray[np.uint16]:
-        """The (H, W) image in `FINE` steps a grey level; what is no number is black."""
+        """The (H, W) image in `FINE` steps per grey level; what is no number is black."""
         if image.dtype == np.uint16:
             return np.asarray(self._fine_greys[image], dtype=np.uint16)
         values = np.floor((image.astype(float) - self.low) * FINE / self.step)

@@ -1,4 +1,4 @@
-"""Text files that may be hostile, read in one way whoever wrote them: plain text, JSON and YAML."""
+"""Plain text, JSON and YAML from files that may be hostile."""
 
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable
@@ -11,26 +11,26 @@ from geometry.regular_files import open_regular, read_start
 from geometry.yaml_text import parse_yaml
 
 MOST_TEXT_BYTES = 64 * 2**20
-"""Poses of some hundred thousand frames; chosen."""
+"""Longest text that is read: poses of some hundred thousand frames; chosen."""
 WIDE = (BOM_UTF16_LE, BOM_UTF16_BE)
-"""How texts in UTF-16 begin."""
+"""Byte order marks of UTF-16."""
 
 
 def decode_text(content: bytes, errors: str = "strict") -> str:
-    """A text in UTF-8, or in UTF-16 where it begins with its mark; the mark is no part of it.
+    """A text in UTF-8, or in UTF-16 where it begins with a byte order mark, which is left out.
 
     Args:
         content: The bytes.
-        errors: What becomes of bytes that are neither, as of `bytes.decode`.
+        errors: As of `bytes.decode`.
 
     Raises:
-        UnicodeDecodeError: There are such bytes, and `errors` is "strict".
+        UnicodeDecodeError: The bytes are neither, and `errors` is "strict".
     """
     return content.decode("utf-16" if content.startswith(WIDE) else "utf-8-sig", errors)
 
 
 def has_mark(path: Path) -> bool:
-    """Whether a text file begins with the mark of its encoding.
+    """Whether a text file begins with a byte order mark.
 
     Raises:
         OSError: It cannot be read.
@@ -55,7 +55,7 @@ def read_text(path: Path) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file says.
+    """The content of a JSON file.
 
     Raises:
         BadInputError: It cannot be read, or is no JSON that `parse_json` takes.
@@ -64,7 +64,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_yaml(path: Path) -> Any:
-    """What a YAML file says.
+    """The content of a YAML file.
 
     Raises:
         BadInputError: It cannot be read, or is no YAML that `parse_yaml` takes.

@@ -26,6 +26,7 @@ CLOSEST = 1e-6
 """World units that the cameras of a path lie apart: a micrometre, where the unit is the metre. Much
 smaller ones vanish beside any tolerance."""
 MOST_VARIANCE = FARTHEST**2
+"""Largest element of a covariance, squared units."""
 
 
 @dataclass(frozen=True, kw_only=True)

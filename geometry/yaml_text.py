@@ -1,4 +1,4 @@
-"""YAML that was read from a file that may be hostile."""
+"""YAML text from a file that may be hostile."""
 
 from collections import Counter
 from typing import Any
@@ -8,14 +8,15 @@ import yaml
 from geometry.json_text import LARGEST_INT, given_twice
 
 LONGEST = 2**18
-"""Characters of a text, some 6 CPU s; ours have some thousand."""
+"""Characters of a text at most, which take some 6 CPU s; usual ones have some thousand."""
 MOST_VALUES = 1_000_000
-"""A text says no more, counted as if each alias were written out; ours say some hundred."""
+"""Values of a text at most, each alias counted as if it were written out; usual ones have some
+hundred."""
 MERGE = "tag:yaml.org,2002:merge"
 
 
 def parse_yaml(text: str) -> Any:
-    """What a YAML text says.
+    """The content of a YAML text.
 
     Raises:
         ValueError: It is not YAML or very long, its nesting or aliases unfold without end, it

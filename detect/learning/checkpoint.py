@@ -1,4 +1,4 @@
-"""What a training leaves on disk: checkpoints, each whole or not there, and a journal."""
+"""What a training leaves on disk: checkpoints, written whole or not at all, and a journal."""
 
 import json
 from collections.abc import Mapping

@@ -32,6 +32,7 @@ from geometry.errors import BadInputError
 
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
 BETAS = (0.9, 0.999)
+"""Of Adam (Kingma and Ba, ICLR 2015), their defaults."""
 NORM_BATCHES = 4
 """Batches by which an exported network, whose BatchNorms were folded away, gets them back."""
 Report = Callable[[str, float], None]

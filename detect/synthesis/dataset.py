@@ -24,6 +24,7 @@ from geometry.text_files import read_json
 SCHEMA = "locate.samples/1"
 INDEX_NAME = "dataset.json"
 SHARD_SAMPLES = 256
+"""Samples in a file."""
 HalfArray = NDArray[np.float16]
 
 

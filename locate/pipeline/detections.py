@@ -18,7 +18,7 @@ from locate.recording.spacing import spread_key_rows
 ENDS = 3
 """Frames at each end of a recording that are not measured: they lack neighbours on one side."""
 WHOLE = (0, 1)
-"""The share of a stage that is all of it: every frame from the first."""
+"""The share (k, n) that is all of a stage."""
 INDEX = "index.json"
 
 
@@ -32,11 +32,22 @@ def measure_frames(
     report: Report,
     share: tuple[int, int] = WHOLE,
 ) -> str:
-    """Runs a detector over at most `most` frames, one file a frame, and writes index.json.
+    """Runs a detector over some of the frames, and writes a file for each and index.json.
 
-    The frames whose indices are in `skip` are not measured, and those that have their file already
-    are left alone, unless it is damaged. Of a share (k, n), every n-th frame from the k-th is done,
-    and no index written.
+    Frames that have their file already are not measured again, unless it is damaged.
+
+    Args:
+        posed: The frames.
+        detector: Measures them.
+        folder: Where to write; made where it is missing.
+        most: The most frames that are measured, spread evenly.
+        skip: Indices of frames that are left out.
+        report: Takes the progress.
+        share: (k, n): of the frames chosen, only every n-th from the k-th is measured, and no
+            index is written.
+
+    Returns:
+        A summary.
     """
     folder.mkdir(exist_ok=True)
     frames = posed.undistorted()

@@ -24,6 +24,7 @@ SHORT_S = 60.0
 MOST_WIDTH = 960
 """Of the video, px."""
 FASTEST_FPS = 30.0
+"""Frames per second of the video at most."""
 FARTHEST_PX = 1e5
 """From the image; what lies farther out is not drawn, as OpenCV's coordinates are bounded."""
 CODING = {"crf": "27", "preset": "veryfast", "rc-lookahead": "0"}

@@ -15,7 +15,9 @@ from locate.pipeline.effort import Amounts
 from locate.recording import Recording
 
 SAMPLE_FRAMES, SAMPLE_MEASURED, SAMPLE_NEIGHBOURS = 60, 16, 8
+"""Frames of the bundled sample, those that are measured, and their neighbours."""
 SAMPLE_PIXELS = 640 * 480
+"""Of one of its frames."""
 START_S, POSES_S, DETECTIONS_S, FUSION_S, REPORT_S = 3.3, 12.6, 28.2, 12.3, 4.0
 """CPU s of the sample's stages, the medians of five runs (docs/accuracy.md, Cost)."""
 FULL_SIZE_S = 6.2
@@ -33,10 +35,11 @@ FEATURES_SHARE = 0.12
 REFERENCE_S = 0.065
 """CPU s of `_work_once` on that machine."""
 TRIES = 5
+"""Of `_work_once`; the fastest counts."""
 DECODED_FRAMES = 20
 """Frames that are decoded to see what one costs."""
 READ_TWICE = 2
-"""The frames are looked at, then the chosen ones written."""
+"""How often the frames are read: to choose some of them, and to write these."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,7 +26,7 @@ WAITING_NS = 10 * NS_PER_S
 
 @dataclass(frozen=True, kw_only=True)
 class BagRecording:
-    """A bag, read as often as asked; a frame's name is its stamp in ns.
+    """A bag, which can be read more than once; a frame's name is its stamp in ns.
 
     Attributes:
         path: The bag.

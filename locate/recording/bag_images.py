@@ -22,14 +22,12 @@ from locate.recording.video import LeftOutError, NamedImage, find_gaps
 
 NO_PICTURE = "coded video without a key frame before it, or damaged since the last one"
 """Why messages of coded video give no picture."""
-
-
 GAP = 1.75
 """Time between two messages, over the usual one, from which on some may be missing; chosen."""
 
 
 class BagImages:
-    """The images of one topic, read as often as asked; a frame's name is its stamp in ns.
+    """The images of one topic, which can be read more than once; a frame's name is its stamp in ns.
 
     Args:
         path: The bag.

@@ -27,6 +27,7 @@ _HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", 
 _DNG_VERSION = 50706
 """Tag of TIFF that makes a file DNG."""
 _TAG_BYTES = 12
+"""Of an entry of a TIFF directory."""
 
 
 class PhotoKind(Enum):

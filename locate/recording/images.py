@@ -77,7 +77,7 @@ class FullSizeImages(Sequence[FloatMap]):
     None stays in memory.
 
     Args:
-        paths: The files, of 8 bits, or of 16 with `FINE` steps a grey level.
+        paths: The files, of 8 bits, or of 16 with `FINE` steps per grey level.
         camera: That took them, in px of frames that may be smaller.
         size: Width and height of the files, px.
     """

@@ -65,7 +65,7 @@ class Frame:
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """A video or photos; `frames` reads it from the start, as often as asked.
+    """A video or photos; `frames` reads it from the start each time.
 
     Attributes:
         path: The video, the folder or the photo.

@@ -12,7 +12,8 @@ from geometry.errors import BadInputError
 Size = tuple[int, int]
 """Width and height, px."""
 LEAST_SIDE_PX, LARGEST_ASPECT = 8, 32
-"""Of smaller and longer frames nothing is left where they are shrunk; chosen, far from cameras'."""
+"""Least side of a frame, and largest ratio of its sides: less would be left of others when they are
+reduced; chosen, far from what cameras record."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,11 +22,11 @@ from locate.recording.video import LeftOutError, NamedImage
 PAGE_RATE = 25.0
 """Pages a second: TIFF states no times."""
 MOST_BYTES = 2**31 - 1
-"""Of a file: OpenCV counts no further."""
+"""Largest file: OpenCV counts bytes in 32 bits."""
 
 
 class TiffStack:
-    """The pages of a TIFF file, as often as asked.
+    """The pages of a TIFF file; they can be read more than once.
 
     Args:
         path: The file.

@@ -35,8 +35,11 @@ SCHEMA = "locate.campaign-truth/1"
 Probability = Annotated[float, Field(ge=0, le=1)]
 NotNegative = Annotated[float, Field(ge=0)]
 CELLS_PER_RADIUS = 3
+"""Voxels of a Gaussian column, along its radius."""
 NOON_ELEVATION_DEG = 55.0
+"""Of the sun, in a northern summer."""
 LOWEST_SUN_DEG = 8.0
+"""Elevation at which the sun stays when it would be lower: nights are not simulated."""
 _STREAM = {"thermals": 20, "wind": 21, "receiver": 22}
 
 

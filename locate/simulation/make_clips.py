@@ -25,6 +25,7 @@ from locate.simulation.photo_set import PhotoSet
 from locate.simulation.photo_set_clips import make_photo_set_clip
 
 CLIPS_PER_FLOW = 4
+"""Neighbouring seeds that share a flow, which costs most."""
 
 
 def write_photo_clips(

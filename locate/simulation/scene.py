@@ -19,6 +19,7 @@ Point = tuple[float, float, float]
 PlanarPoint = tuple[float, float]
 Positive = Annotated[float, Field(gt=0)]
 SHORTEST_M = 1e-6
+"""Length below which `start` and `end` are one place."""
 
 
 class SceneBlock(PlainSettings):
