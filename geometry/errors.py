@@ -1,6 +1,9 @@
 """Errors raised on purpose: each has an exit code and one line, what, where and what to do."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geometry.printable import printable
@@ -78,6 +81,28 @@ def first_complaint(error: "ValidationError") -> tuple[str, str]:
 def short_reason(error: Exception) -> str:
     """What a library says is wrong with a file, on one line of 1 to 120 characters."""
     return " ".join(str(error).split())[:LONGEST_REASON] or type(error).__name__
+
+
+@contextmanager
+def report_as_bad_input(path: Path, what: str, *, missing: str | None = None) -> Iterator[None]:
+    """Turns whatever a library raises on a broken file into one line.
+
+    Args:
+        path: The file.
+        what: It was taken for, in the singular.
+        missing: What to do where the library is not installed.
+
+    Raises:
+        BadInputError: In place of any other exception.
+    """
+    try:
+        yield
+    except LocateError:
+        raise
+    except ModuleNotFoundError as error:
+        raise BadInputError(f"{path}: to read {what}s, {missing or error}") from error
+    except Exception as error:  # each library and kind of damage has its own
+        raise BadInputError(f"{path}: not a readable {what} ({short_reason(error)})") from error
 
 
 def describe_error(error: Exception) -> str:

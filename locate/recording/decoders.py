@@ -1,7 +1,5 @@
 """Photos from bytes to samples: by OpenCV, or by libraries that are extras (HEIC, raw)."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from geometry import MOST_PIXELS
 from geometry.decoded_size import takes_too_much
-from geometry.errors import BadInputError, short_reason
+from geometry.errors import BadInputError, report_as_bad_input
 from geometry.regular_files import read_content
 from locate.recording.formats import READ, TOO_LARGE, PhotoKind, kind_of_photo
 
@@ -50,7 +48,7 @@ def decode_samples(path: Path, content: bytes) -> NDArray[Any]:
     kind = kind_of_photo(path, content)
     if kind is PhotoKind.PLAIN:
         return _decode_plain(path, content)
-    with _one_line(path, kind):
+    with report_as_bad_input(path, kind.value, missing=missing_extra(kind)):
         return _decode_heif(path, content) if kind is PhotoKind.HEIF else _develop(path, content)
 
 
@@ -71,7 +69,7 @@ def photo_size(path: Path, *, reduced: bool = False) -> tuple[int, int] | None:
             image = cv2.imdecode(np.frombuffer(content, np.uint8), mode)
             factor = 8 if reduced else 1
             return None if image is None else (image.shape[1] * factor, image.shape[0] * factor)
-        with _one_line(path, kind):
+        with report_as_bad_input(path, kind.value, missing=missing_extra(kind)):
             return _heif_size(content) if kind is PhotoKind.HEIF else _raw_size(content)
     except (OSError, cv2.error, BadInputError):
         return None
@@ -81,7 +79,7 @@ def heif_exif(path: Path) -> bytes:
     """The EXIF block of a HEIC photo; empty where it has none or cannot be read."""
     try:
         content = read_content(path)
-        with _one_line(path, PhotoKind.HEIF):
+        with report_as_bad_input(path, PhotoKind.HEIF.value):
             return bytes(_open_heif(content).info.get("exif") or b"")
     except (OSError, BadInputError):
         return b""
@@ -151,19 +149,3 @@ def _grey(samples: NDArray[Any]) -> NDArray[Any]:
     if samples.ndim == 2 or samples.shape[2] < 3:
         return np.ascontiguousarray(samples if samples.ndim == 2 else samples[..., 0])
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(samples[..., :3]), cv2.COLOR_RGB2GRAY))
-
-
-@contextmanager
-def _one_line(path: Path, kind: PhotoKind) -> Iterator[None]:
-    """Turns whatever an extra raises on a broken photo into one line."""
-    try:
-        yield
-    except BadInputError:
-        raise
-    except ModuleNotFoundError as error:
-        raise BadInputError(
-            f"{path}: to read {kind.value}s, {missing_extra(kind) or error}"
-        ) from error
-    except Exception as error:
-        reason = short_reason(error)
-        raise BadInputError(f"{path}: not a readable {kind.value} ({reason})") from error

@@ -171,7 +171,10 @@ class BillboardSurfaces:
         path_m: FloatMap,
         ray_width_rad: float,
     ) -> FloatMap:
-        """Brightness at the end of each ray, linear, 1 is white; arguments as `World.radiance`."""
+        """Brightness at the end of each ray, linear, 1 is white.
+
+        For the arguments see `StaticSurfaces.compute_radiance`.
+        """
         on_billboard = np.isfinite(hits.range_m) & (hits.triangle >= FIRST_BILLBOARD)
         rest = np.flatnonzero(~on_billboard)
         radiance = np.empty(len(directions), dtype=np.float32)

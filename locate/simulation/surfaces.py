@@ -53,7 +53,7 @@ class SurfaceModel(Protocol):
         path_m: FloatMap,
         ray_width_rad: float,
     ) -> FloatMap:
-        """Brightness at the end of each ray, (N,), as `World.radiance` has it."""
+        """(N,) brightness at the end of each ray, as of `StaticSurfaces.compute_radiance`."""
         ...
 
 

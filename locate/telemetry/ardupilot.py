@@ -7,9 +7,9 @@ from math import degrees, nan
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, report_as_bad_input
 from locate.telemetry.assemble import ColumnStore, Record
-from locate.telemetry.bounded import check_size, report_as_bad_input, suppress_output
+from locate.telemetry.bounded import check_size, suppress_output
 from locate.telemetry.streams import (
     YAW_FROM_NORTH,
     LogStream,
@@ -19,6 +19,8 @@ from locate.telemetry.streams import (
 from locate.telemetry.track import AltitudeDatum, TelemetryTrack
 
 BIN_KIND, TLOG_KIND = "ArduPilot log", "MAVLink tlog"
+INSTALL = "pip install 'plume-locate[mavlink]'"
+"""What to do where pymavlink is missing."""
 BIN_MAGIC = b"\xa3\x95"
 MAX_TLOG_BYTES = 64 * 2**20
 """Larger logs are refused: their reader takes minutes."""
@@ -44,7 +46,7 @@ def read_bin(path: Path) -> TelemetryTrack:
         BadInputError: Not a readable log, no positions in it, or the extra is missing.
     """
     check_size(path)
-    with report_as_bad_input(path, BIN_KIND, extra="mavlink"), suppress_output():
+    with report_as_bad_input(path, f"{BIN_KIND} file", missing=INSTALL), suppress_output():
         with closing(_open_bin(path)) as log:
             found = _read_streams(log, _BIN_RECORDS)
         position = found.pop("POS", None) or found.pop("GPS", None) or LogStream.from_records([])
@@ -60,7 +62,7 @@ def read_tlog(path: Path) -> TelemetryTrack:
         BadInputError: Not a readable log, no positions in it, or the extra is missing.
     """
     check_size(path, MAX_TLOG_BYTES)
-    with report_as_bad_input(path, TLOG_KIND, extra="mavlink"), suppress_output():
+    with report_as_bad_input(path, f"{TLOG_KIND} file", missing=INSTALL), suppress_output():
         from pymavlink import mavutil
 
         with closing(mavutil.mavlogfile(str(path))) as log:

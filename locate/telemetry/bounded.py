@@ -1,11 +1,11 @@
-"""Reading files that may be hostile: limits on size, and one line for whatever goes wrong."""
+"""Reading telemetry that may be hostile: limits on size, and no output of its parsers."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
-from geometry.errors import BadInputError, LocateError, short_reason
+from geometry.errors import BadInputError
 from geometry.regular_files import read_start
 from geometry.text_files import MOST_TEXT_BYTES, decode_text
 
@@ -44,31 +44,6 @@ def check_size(path: Path, limit: int = MAX_LOG_BYTES) -> None:
         raise BadInputError(
             f"{path}: a log over {limit // 2**20} MiB is not read; cut out this flight"
         )
-
-
-@contextmanager
-def report_as_bad_input(path: Path, kind: str, *, extra: str = "") -> Iterator[None]:
-    """Turns whatever a foreign parser raises on a broken file into one line.
-
-    Args:
-        path: The file.
-        kind: What it was taken for.
-        extra: The extra that installs the parser, where it may be missing.
-
-    Raises:
-        BadInputError: In place of any other exception.
-    """
-    try:
-        yield
-    except LocateError:
-        raise
-    except ModuleNotFoundError as error:
-        raise BadInputError(
-            f"{path}: to read {kind} files, pip install 'plume-locate[{extra}]'"
-        ) from error
-    except Exception as error:
-        reason = short_reason(error)
-        raise BadInputError(f"{path}: not a readable {kind} file ({reason})") from error
 
 
 @contextmanager

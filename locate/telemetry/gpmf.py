@@ -16,11 +16,11 @@ import numpy as np
 from av.stream import Discard
 
 from geometry.arrays import FloatArray
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, report_as_bad_input
 from locate.recording.container import open_container
 from locate.recording.video import start_of_video_s
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
-from locate.telemetry.bounded import MAX_LOG_BYTES, report_as_bad_input
+from locate.telemetry.bounded import MAX_LOG_BYTES
 from locate.telemetry.clock import posix_s
 from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
@@ -91,7 +91,7 @@ def read_gpmf(path: Path) -> TelemetryTrack | None:
     """
     packets, records = 0, list[Record]()
     datums: set[AltitudeDatum] = set()
-    with report_as_bad_input(path, "video"), open_container(path) as container:
+    with report_as_bad_input(path, "video file"), open_container(path) as container:
         for time_s, length_s, content in _packets(container):
             packets += 1
             for stream in parse_streams(content):

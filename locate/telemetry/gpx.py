@@ -5,9 +5,8 @@ from math import nan
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, report_as_bad_input
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
-from locate.telemetry.bounded import report_as_bad_input
 from locate.telemetry.track import AltitudeDatum, Clock, TelemetryTrack
 
 KIND = "GPX"
@@ -30,7 +29,7 @@ def parse_gpx(text: str, path: Path) -> TelemetryTrack:
         raise BadInputError(f"{path}: GPX of over {MAX_POINTS} points is not read; cut it")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise BadInputError(f"{path}: GPX with a document type or entities is not read")
-    with report_as_bad_input(path, KIND, extra="gpx"):
+    with report_as_bad_input(path, f"{KIND} file", missing="pip install 'plume-locate[gpx]'"):
         import gpxpy
 
         columns = columns_of(_point_record(point) for point, *_ in gpxpy.parse(text).walk())

@@ -14,13 +14,12 @@ import exifread
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, report_as_bad_input
 from geometry.regular_files import open_regular
 from locate.recording.decoders import heif_exif
 from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.recording.photo_folder import list_photos
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
-from locate.telemetry.bounded import report_as_bad_input
 from locate.telemetry.cells import (
     LENGTHS,
     UnknownForm,
@@ -130,14 +129,14 @@ def _read_photo_or_empty(photo: Path, refused: list[RefusedText]) -> Record:
 
 
 def _read_photo(photo: Path, refused: list[RefusedText]) -> Record:
-    with report_as_bad_input(photo, KIND), open_regular(photo) as file:
+    with report_as_bad_input(photo, f"{KIND} file"), open_regular(photo) as file:
         header = file.read(XMP_BYTES)
         file.seek(0)
         is_heif = kind_of_photo(photo, header) is PhotoKind.HEIF
         exif: BinaryIO = BytesIO(heif_exif(photo).removeprefix(b"Exif\0\0")) if is_heif else file
         tags = exifread.process_file(exif, details=False, extract_thumbnail=False)
     found: list[RefusedText] = []
-    with report_as_bad_input(photo, KIND):
+    with report_as_bad_input(photo, f"{KIND} file"):
         xmp, own = _xmp_record(header), _exif_record(tags, photo.name, found)
     record = xmp | own
     has_position = {"latitude_deg", "longitude_deg"} <= record.keys()

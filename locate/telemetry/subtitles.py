@@ -6,11 +6,10 @@ from pathlib import Path
 import av
 from av.stream import Discard
 
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, report_as_bad_input
 from geometry.text_files import MOST_TEXT_BYTES
 from locate.recording.container import open_container
 from locate.recording.video import start_of_video_s
-from locate.telemetry.bounded import report_as_bad_input
 from locate.telemetry.dji_srt import track_of_cues
 from locate.telemetry.track import TelemetryTrack
 
@@ -23,7 +22,7 @@ def read_subtitles(path: Path) -> TelemetryTrack:
     Raises:
         BadInputError: Not a readable video, no text subtitles, or none that holds a position.
     """
-    with report_as_bad_input(path, "video"), open_container(path) as container:
+    with report_as_bad_input(path, "video file"), open_container(path) as container:
         if not container.streams.subtitles:
             raise BadInputError(
                 f"{path}: no telemetry inside this video; give a .SRT, GPX, CSV or log beside it"

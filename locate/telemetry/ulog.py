@@ -6,9 +6,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from geometry.arrays import FloatArray
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, report_as_bad_input
 from geometry.regular_files import open_regular
-from locate.telemetry.bounded import check_size, report_as_bad_input, suppress_output
+from locate.telemetry.bounded import check_size, suppress_output
 from locate.telemetry.streams import (
     YAW_FROM_NORTH,
     LogStream,
@@ -45,7 +45,7 @@ def read_ulog(path: Path) -> TelemetryTrack:
     check_size(path)
     wanted = [_FUSED, *_RECEIVER, _ATTITUDE, _GIMBAL]
     with (
-        report_as_bad_input(path, KIND, extra="px4"),
+        report_as_bad_input(path, f"{KIND} file", missing="pip install 'plume-locate[px4]'"),
         suppress_output(),
         open_regular(path) as file,
     ):
