@@ -1,5 +1,6 @@
 """Images from and to files, whatever their names: OpenCV's own calls take names in UTF-8 alone."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -34,14 +35,19 @@ def read_image(path: Path, flags: int = cv2.IMREAD_GRAYSCALE) -> GreyImage:
     return np.asarray(image, dtype=np.uint8)
 
 
-def write_image(path: Path, image: np.ndarray) -> None:
+def write_image(path: Path, image: np.ndarray, options: Sequence[int] = ()) -> None:
     """Writes a grey or colour image; the suffix of the name says in which format.
+
+    Args:
+        path: The file.
+        image: (H, W) grey, or (H, W, 3) blue, green, red.
+        options: As of `cv2.imencode`.
 
     Raises:
         BadInputError: It cannot be written.
     """
     try:
-        _, content = cv2.imencode(path.suffix, image)
+        _, content = cv2.imencode(path.suffix, image, options)
         path.write_bytes(content.tobytes())
     except (OSError, cv2.error) as error:
         reason = describe_error(error) if isinstance(error, OSError) else "unknown image format"

@@ -26,6 +26,7 @@ import numpy as np
 from benchmarks.common.cost import children_peak_mib, peak_mib
 from benchmarks.growth.looped import loop_video, write_unit
 from geometry.arrays import GreyImage
+from geometry.image_files import write_image
 from geometry.processes import call_apart
 from locate.journal.progress import ignore_report
 from locate.pipeline.config import RunConfig
@@ -153,7 +154,7 @@ def write_photos(images: Sequence[GreyImage], folder: Path, count: int) -> Path:
     path = folder / "photos"
     path.mkdir()
     for number, image in enumerate(islice(cycle(chain(images, images[-2:0:-1])), count)):
-        cv2.imwrite(str(path / f"{number:06d}.jpg"), image)
+        write_image(path / f"{number:06d}.jpg", image)
     return path
 
 

@@ -12,6 +12,7 @@ from detect.detection import Detection
 from detect.kinds import DYBS
 from detect.scores import auroc
 from geometry.arrays import BoolArray, FloatMap, GreyImage
+from geometry.image_files import write_image
 from locate.export.pictures import displacement_picture
 
 PLUME_PX, STILL_PX, MASK_NATS = 0.06, 0.02, 2.0
@@ -79,4 +80,4 @@ def write_picture(path: Path | None, strips: Sequence[np.ndarray]) -> None:
     if path is not None:
         gaps = [np.full((4, *strips[0].shape[1:]), 255, np.uint8)] * len(strips)
         parts = [part for pair in zip(strips, gaps, strict=True) for part in pair]
-        cv2.imwrite(str(path), np.vstack(parts))
+        write_image(path, np.vstack(parts))

@@ -17,6 +17,7 @@ from detect.detection import Detection
 from detect.evidence import LLR_MAX
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.image_files import write_image
 from geometry.npz import read_npz
 from geometry.trajectory import Trajectory
 from locate.export.pictures import displacement_picture, heat_colours, overlay_evidence
@@ -94,4 +95,4 @@ def main(options: argparse.Namespace) -> None:
     ]
     options.output.parent.mkdir(parents=True, exist_ok=True)
     rows = [np.hstack(panels[:2]), np.hstack(panels[2:])]
-    cv2.imwrite(str(options.output), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 85])
+    write_image(options.output, np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 85])

@@ -21,6 +21,7 @@ from benchmarks.common.plots import blank, text
 from detect.detection import Frames
 from detect.evidence import LLR_MAX
 from detect.registry import make_detector
+from geometry.image_files import write_image
 from geometry.refraction import lever_px
 from locate.export.pictures import overlay_evidence
 from locate.simulation import Scene
@@ -129,4 +130,4 @@ def main(options: argparse.Namespace) -> None:
     rows = [np.hstack(panels[first : first + 2]) for first in range(0, len(panels), 2)]
     picture = np.vstack(rows)
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(options.output), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    write_image(options.output, picture, [cv2.IMWRITE_JPEG_QUALITY, 85])

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from playwright.sync_api import sync_playwright
 
+from geometry.image_files import write_image
 from locate.pipeline.files import RunFiles
 
 CHROMIUM = "chromium"
@@ -48,4 +49,4 @@ def main(options: argparse.Namespace) -> None:
         shot = np.frombuffer(page.screenshot(), np.uint8)
         browser.close()
     picture = cv2.imdecode(shot, cv2.IMREAD_COLOR)
-    cv2.imwrite(str(options.output), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    write_image(options.output, np.asarray(picture), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])

@@ -23,6 +23,7 @@ from detect.registered import RegisteredDetector
 from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
 from geometry.grid import sum_evidence
+from geometry.image_files import write_image
 from geometry.trajectory import Trajectory
 from locate.evaluation.alignment import align_trajectories
 from locate.evaluation.truth import SceneTruth
@@ -125,4 +126,4 @@ def main(options: argparse.Namespace) -> None:
     while len(panels) % PANELS_A_ROW:
         panels.append(np.full_like(panels[0], 255))
     rows = [np.hstack(panels[k : k + PANELS_A_ROW]) for k in range(0, len(panels), PANELS_A_ROW)]
-    cv2.imwrite(str(options.output), np.vstack(rows))
+    write_image(options.output, np.vstack(rows))

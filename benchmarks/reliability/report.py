@@ -8,13 +8,12 @@ Prints the tables; `--plot` draws a picture of them.
 import argparse
 from pathlib import Path
 
-import cv2
-
 from benchmarks.reliability.outcomes import RecordingOutcome
 from benchmarks.reliability.picture import picture
 from benchmarks.reliability.recordings import add_recording_arguments, chosen
 from benchmarks.reliability.tables import report
 from geometry.errors import BadInputError
+from geometry.image_files import write_image
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,4 +28,4 @@ def main(options: argparse.Namespace) -> None:
         raise BadInputError(f"{options.work}: no scores there yet; run film and score first")
     print(report(every))
     if options.plot:
-        cv2.imwrite(str(options.plot), picture(every))
+        write_image(options.plot, picture(every))

@@ -14,7 +14,6 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -23,6 +22,7 @@ from detect.fused import SEPARATOR
 from detect.kinds import DYBS, REGISTERED
 from detect.registry import KINDS, make_detector
 from geometry.arrays import FloatMap, GreyImage
+from geometry.image_files import read_image, write_image
 from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate_map
 from locate.journal.progress import ignore_report
@@ -78,11 +78,9 @@ def find_inserted(
         folder = Path(name)
         source = load_posed_frames(run, run / "frames")
         for image_name, index in zip(source.names, source.indices, strict=True):
-            image = cv2.imread(str(run / "frames" / image_name), cv2.IMREAD_GRAYSCALE)
+            image = read_image(run / "frames" / image_name)
             displacement = factor * true_displacement(leak, int(index))
-            cv2.imwrite(
-                str(folder / image_name), bend_image(np.asarray(image, np.uint8), displacement)
-            )
+            write_image(folder / image_name, bend_image(image, displacement))
         points = load_points(run / "points.npz")
         if points is None:
             points = load_points(run / "sfm" / "points.npz")

@@ -23,6 +23,7 @@ from benchmarks.scenes.orbit import render
 from detect.fluctuation import Fluctuation
 from detect.synthesis.raster import find_photos
 from geometry.arrays import GreyImage
+from geometry.image_files import write_image
 from locate.evaluation import evaluate_map
 from locate.evaluation.truth import SceneTruth
 from locate.map.plume import PlumeMap
@@ -125,4 +126,4 @@ def main(options: argparse.Namespace) -> None:
             if options.plot:
                 pictures.append(picture(folder))
     if options.plot:
-        cv2.imwrite(str(options.plot), np.vstack(pictures))
+        write_image(options.plot, np.vstack(pictures))

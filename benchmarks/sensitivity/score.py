@@ -10,8 +10,6 @@ import json
 from collections import defaultdict
 from pathlib import Path
 
-import cv2
-
 from benchmarks.common.filmed import Recorded
 from benchmarks.sensitivity.conditions import (
     add_case_arguments,
@@ -25,6 +23,7 @@ from benchmarks.sensitivity.contenders import ComparedDetectors
 from benchmarks.sensitivity.measures import evaluate
 from benchmarks.sensitivity.picture import plot
 from benchmarks.sensitivity.summary import label_of, summarise, table
+from geometry.image_files import write_image
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,4 +52,4 @@ def main(options: argparse.Namespace) -> None:
         options.json.write_text(json.dumps(summary, indent=1))
     print(table(summary))
     if options.plot:
-        cv2.imwrite(str(options.plot), plot(summary))
+        write_image(options.plot, plot(summary))

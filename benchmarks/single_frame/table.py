@@ -19,6 +19,7 @@ from detect.learning.dybs_calibration import labels_of
 from detect.network import Network
 from detect.synthesis import FAMILIES, Sample, shards_in
 from geometry.arrays import FloatMap
+from geometry.image_files import write_image
 
 LATTICES = ("sinusoid", "checkerboard")
 
@@ -63,7 +64,7 @@ def main(options: argparse.Namespace) -> None:
             curves[family] = {name: tallies[family, name].by_peak() for name in shown}
             for name, values in curves[family].items():
                 print(f"AUROC by peak, {family}, {name}: {' '.join(f'{v:.3f}' for v in values)}")
-        cv2.imwrite(str(options.plot), plot(curves))
+        write_image(options.plot, plot(curves))
 
 
 def plot(curves: dict[str, dict[str, list[float]]]) -> np.ndarray:

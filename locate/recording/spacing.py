@@ -1,4 +1,11 @@
-"""Frames that are even in image motion, sharp and well coded."""
+"""Frames that are even in image motion, sharp and well coded.
+
+Codecs spend the fewest bits on B frames: what a plume displaces is lost there first. They are taken
+last wherever frames are chosen, and replaced by what that choice allows: a later frame
+(`locate.recording.sampling`), one that has moved about as far (`FrameSpacer`), the nearest other
+frame (`avoid_b_frames`), other neighbours where there are enough (`detect.registered.neighbours`).
+Frames of which the displacement alone is measured are none (`locate.pipeline.more_frames`).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +26,6 @@ MAX_WAITING = 256
 
 def avoid_b_frames(rows: IntArray, is_b_frame: BoolArray) -> IntArray:
     """Chosen rows, with B frames among them exchanged for the nearest other frames.
-
-    Codecs spend the fewest bits on B frames: what a plume displaces is lost there first.
 
     Args:
         rows: (M,) chosen, rising.
