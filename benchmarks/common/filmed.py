@@ -29,8 +29,8 @@ MEASURED_MAPS = tuple(name for name in Measurement.__dataclass_fields__ if name 
 def record(capture: CaptureSetup, count: int, path: Path) -> None:
     """Renders a take and writes `count` key frames, what was measured of them, and the truth."""
     rendered = render_frames(capture)
-    told = perturb_poses(rendered.trajectory, capture.scene.random_stream(13), POSE_ERROR_DEG)
-    frames = Frames(images=rendered.images, trajectory=told, b_frames=rendered.b_frames)
+    given = perturb_poses(rendered.trajectory, capture.scene.random_stream(13), POSE_ERROR_DEG)
+    frames = Frames(images=rendered.images, trajectory=given, b_frames=rendered.b_frames)
     detector = RegisteredDetector()
     keys = spread_key_rows(len(frames), count, ends=UNUSED_END_FRAMES, b_frames=frames.b_frames)
     measured = [(key, detector.measure(frames, key)) for key in keys.tolist()]
@@ -56,7 +56,7 @@ def record(capture: CaptureSetup, count: int, path: Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """What `record` wrote, and the poses that the chain is told, of the key frames."""
+    """What `record` wrote, and the poses that the detector is given, of the key frames."""
 
     images: np.ndarray
     measurements: list[Measurement]
@@ -75,7 +75,7 @@ class Recorded:
             block = capture.scene.camera
             focal_px = block.focal_px * capture.focal_factor
             camera = block.model_copy(update={"radial": 0.0, "focal_px": focal_px})
-            told = replace(simulate_trajectory(capture.scene), camera=camera.build())
+            true = replace(simulate_trajectory(capture.scene), camera=camera.build())
             return cls(
                 images=file["images"],
                 measurements=[
@@ -89,7 +89,7 @@ class Recorded:
                 truth=file["truth"].astype(np.float32),
                 surface=file["surface"],
                 trajectory=perturb_poses(
-                    told, capture.scene.random_stream(13), POSE_ERROR_DEG
+                    true, capture.scene.random_stream(13), POSE_ERROR_DEG
                 ).take(file["keys"]),
                 scene=capture.scene,
             )

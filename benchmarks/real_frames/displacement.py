@@ -16,7 +16,7 @@ from locate.simulation.plume_field import visible_percentile
 INSIDE_SHARE = 0.3
 """Of the frame's 95th percentile of |w|: above it a pixel is inside the plume."""
 FEWEST = 30
-"""Pixels that a share is told of."""
+"""Pixels of which a share is stated, at least."""
 TEXTURE_SIGMA_PX = 2.0
 EDGE_SIDE_PX = 5
 THIRDS = ("texture", "size", "edge")
@@ -160,12 +160,12 @@ def by_third(
     measured: FloatMap, truth: FloatMap, inside: BoolArray, value: FloatMap
 ) -> tuple[float, float, float]:
     """Measured over true in the lowest, middle and highest third of a value inside the plume."""
-    told = inside & np.isfinite(value)
-    if not told.any():
+    known = inside & np.isfinite(value)
+    if not known.any():
         return (float("nan"),) * 3
-    first, second = np.quantile(value[told], [1 / 3, 2 / 3])
-    low, high = told & (value <= first), told & (value > second)
-    middle = told & ~low & ~high
+    first, second = np.quantile(value[known], [1 / 3, 2 / 3])
+    low, high = known & (value <= first), known & (value > second)
+    middle = known & ~low & ~high
     one, two, three = (measured_over_true(measured, truth, part) for part in (low, middle, high))
     return one, two, three
 

@@ -47,7 +47,7 @@ class CaseScore:
         nees: Its squared error against the stated covariance, 3 expected.
         false_plumes: Plumes and directions that are none.
         limit_px: What the map states that would have been seen.
-        mean_px: Mean true |w| inside the plume, median over the frames: what a limit is told in.
+        mean_px: Mean true |w| inside the plume, median over the frames: limits are stated so.
         silent_share: Share of the frames without any evidence.
         sigma_px: Median over frames of the median sigma.
         informed: The same by the normal equations of the displacement.

@@ -71,7 +71,7 @@ def row(scores: Sequence[CaseScore]) -> str:
     asked = [score for score in scores if score.found is not None]
     thirds = [score.thirds for score in scores if score.thirds is not None]
     limits = known([score.limit_px for score in scores])
-    told = median_text(limits) if limits else "none"
+    limit = median_text(limits) if limits else "none"
     cells = [
         first.recording,
         f"{first.strength_px:g}",
@@ -79,7 +79,7 @@ def row(scores: Sequence[CaseScore]) -> str:
         f"{sum(bool(score.found) for score in asked)} of {len(asked)}" if asked else NONE,
         median_text([score.error_percent for score in scores]),
         f"{sum(known([score.false_plumes for score in scores])):g}",
-        told if len(limits) in (0, len(scores)) else f"{told} ({len(limits)} of {len(scores)})",
+        limit if len(limits) in (0, len(scores)) else f"{limit} ({len(limits)} of {len(scores)})",
         median_text([score.mean_px for score in scores], ".3f"),
         median_text([score.silent_share for score in scores]),
         median_text([score.sigma_px for score in scores], ".3f"),

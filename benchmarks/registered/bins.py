@@ -36,21 +36,21 @@ def measure_reliability(
 ) -> list[EvidenceBin | None]:
     """Of each of `BINS`; the bounds are bins of their own."""
     edges = [*(BINS[:-1] + 1e-3), LLR_MAX - 1e-3]
-    silent = len(edges) + 1
+    unmeasured = len(edges) + 1
     if min(positive.sum(), (~positive).sum()) < FEWEST:
-        return [None] * silent
-    which = np.where(llr == 0, silent, np.digitize(llr, edges, right=True))
+        return [None] * unmeasured
+    which = np.where(llr == 0, unmeasured, np.digitize(llr, edges, right=True))
     ids, row = np.unique(recording, return_inverse=True)
-    counts = np.zeros((2, len(ids), silent + 1))
+    counts = np.zeros((2, len(ids), unmeasured + 1))
     np.add.at(counts, (positive.astype(int), row, which), 1)
     again = np.random.default_rng(0).multinomial(len(ids), np.ones(len(ids)) / len(ids), DRAWN)
-    told, scatter = observed_nats(counts.sum(axis=1)), observed_nats(again @ counts).std(axis=0)
+    observed, scatter = observed_nats(counts.sum(axis=1)), observed_nats(again @ counts).std(axis=0)
     fewest = counts.sum(axis=1).min(axis=0)
     return [
-        EvidenceBin(observed=told[k], scatter=scatter[k], stated=llr[which == k].mean())
+        EvidenceBin(observed=observed[k], scatter=scatter[k], stated=llr[which == k].mean())
         if fewest[k] >= FEWEST
         else None
-        for k in range(silent)
+        for k in range(unmeasured)
     ]
 
 

@@ -24,15 +24,15 @@ class ComparedDetectors:
 
     def detect(self, sequence: Recorded, rows: Sequence[int]) -> dict[str, list[Detection]]:
         """The detections of some key frames, by contender."""
-        told = defaultdict(list)
+        found = defaultdict(list)
         for k in rows:
             measured = sequence.measurements[k], float(sequence.inverse_depth_units[k])
-            told["plain"].append(self._plain.to_detection(*measured))
-            best = told["plain"][-1]
+            found["plain"].append(self._plain.to_detection(*measured))
+            best = found["plain"][-1]
             if self._learned is not None:
                 best = self._learned.to_detection(*measured)
-                told["learned"].append(best)
+                found["learned"].append(best)
             if self._dybs is not None:
-                told["dybs"].append(self._dybs.detect(Frames(images=list(sequence.images)), k))
-                told["fused"].append(fuse_pair(best, told["dybs"][-1], ERROR_CORRELATION))
-        return told
+                found["dybs"].append(self._dybs.detect(Frames(images=list(sequence.images)), k))
+                found["fused"].append(fuse_pair(best, found["dybs"][-1], ERROR_CORRELATION))
+        return found

@@ -82,15 +82,15 @@ def evaluate(
     count = len(sequence.measurements)
     rows = np.linspace(0, count - 1, min(condition.views, count)).round().astype(int).tolist()
     positive, counts = labels(sequence, rows)
-    told = contenders.detect(sequence, rows)
-    maps = {name: np.stack([d.llr for d in detections]) for name, detections in told.items()}
+    found = contenders.detect(sequence, rows)
+    maps = {name: np.stack([d.llr for d in detections]) for name, detections in found.items()}
     result = {name: pixel_scores(llr, positive, counts) for name, llr in maps.items()}
     if fusing and len(rows) > 1:
         sources: dict[bytes, dict[str, float]] = {}  # equal evidence is fused once
-        for name in told.keys() - {"dybs"}:
+        for name in found.keys() - {"dybs"}:
             evidence = maps[name].tobytes()
             if evidence not in sources:
-                sources[evidence] = source_scores(told[name], sequence, rows)
+                sources[evidence] = source_scores(found[name], sequence, rows)
             result[name] |= sources[evidence]
     if positive.any():
         rng = np.random.default_rng(0)

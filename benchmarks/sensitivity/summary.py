@@ -28,13 +28,13 @@ def summarise(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str,
     """Medians over scenes; the share found and the false plumes a scene are means."""
     summary: dict[str, dict[str, float]] = {}
     for name in COLOURS:
-        told = [result[name] for result in results if name in result]
-        if told:
+        known = [result[name] for result in results if name in result]
+        if known:
             means = ("found", "false_plumes")
-            keys = sorted({key for scores in told for key in scores})
-            summary[name] = {"scenes": len(told)} | {
+            keys = sorted({key for scores in known for key in scores})
+            summary[name] = {"scenes": len(known)} | {
                 key: float(
-                    (np.mean if key in means else np.median)([s[key] for s in told if key in s])
+                    (np.mean if key in means else np.median)([s[key] for s in known if key in s])
                 )
                 for key in keys
             }

@@ -19,7 +19,7 @@ Gain = Annotated[float, Field(gt=0, le=100)]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Steps = Annotated[int, Field(ge=1, le=10**9)]
 MOST_SEEDS = 10**6
-"""Of a pool; a clip takes some 20 s of CPU. All limits are chosen, far from what is of use."""
+"""Of a pool; a clip takes some 20 s of CPU. All limits here are chosen, far from what is useful."""
 
 
 class _TrainingSettings(PlainSettings):
@@ -57,7 +57,7 @@ class PoolConfig(_TrainingSettings):
         coded: Whether the clips are stored as videos of few bits.
         photo_set: Folder of posed photos that the clips are made of instead.
         recipe: What they are rendered from where they are missing; relative to the config file.
-        measured: A folder of rendered samples, where these are what waves and edges say of them.
+        measured: A folder of rendered samples; these are what waves and edges measure in them.
     """
 
     folder: Path
@@ -174,7 +174,7 @@ class TrainConfig(_TrainingSettings):
         optimiser: Adam as the paper has it, or AdamW.
         weight_decay: For AdamW.
         positive_px: |w| above is plume.
-        negative_px: |w| below is none; in between the mask's loss looks away.
+        negative_px: |w| below is none; pixels in between do not count in the loss of the mask.
         augmentation: What is done to samples.
         mixed_precision: bfloat16 where it is safe.
         seed: Of weights and batches.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,10 +11,21 @@ from detect.learning.checkpoint import read_journal
 from geometry.image_files import write_image
 
 WIDTH, HEIGHT, MARGIN, LEGEND = 900, 320, 60, 150
+"""Of a panel, px."""
+LATEST = 50
+"""Losses that decide the scale of their panel."""
 INK, PALE = (60, 60, 60), (225, 225, 225)
+"""Colours of text and lines: blue, green, red."""
 COLOURS = ((180, 119, 31), (14, 127, 255), (44, 160, 44), (40, 39, 214), (189, 103, 148),
            (75, 86, 140), (194, 119, 227))  # fmt: skip
-Curve = tuple[str, Sequence[int], Sequence[float]]
+
+
+class Curve(NamedTuple):
+    """A line of a panel: what it shows, and its values by step."""
+
+    name: str
+    steps: Sequence[int]
+    values: Sequence[float]
 
 
 def plot_training(folder: Path, path: Path) -> Path:
@@ -31,12 +42,12 @@ def plot_training(folder: Path, path: Path) -> Path:
     losses = [line for line in lines if line["kind"] == "train"]
     checks = [line for line in lines if line["kind"] == "validation"]
     end = max((line["step"] for line in lines), default=1)
-    loss: Curve = ("loss", _journal_steps(losses), [line["loss"] for line in losses])
+    loss = Curve("loss", _journal_steps(losses), [line["loss"] for line in losses])
     families = sorted({name for line in checks for name in line["families"]})
     scores = [_auroc_curve(checks, name) for name in families]
     stages = _stage_starts(losses)
     panels = [
-        _draw_panel("loss", [loss], end, (0.0, max([*loss[2][-50:], 0.1]) * 1.5), stages),
+        _draw_panel("loss", [loss], end, (0.0, max([*loss.values[-LATEST:], 0.1]) * 1.5), stages),
         _draw_panel("validation AUROC", scores, end, (0.4, 1.0), stages),
     ]
     write_image(path, np.vstack(panels))
@@ -45,7 +56,8 @@ def plot_training(folder: Path, path: Path) -> Path:
 
 def _auroc_curve(checks: list[dict[str, Any]], family: str) -> Curve:
     known = [line for line in checks if family in line["families"]]
-    return family, _journal_steps(known), [line["families"][family]["auroc"] for line in known]
+    aurocs = [line["families"][family]["auroc"] for line in known]
+    return Curve(family, _journal_steps(known), aurocs)
 
 
 def _journal_steps(lines: list[dict[str, Any]]) -> list[int]:

@@ -22,6 +22,7 @@ from locate.telemetry import telemetry_candidates
 USE_FULL_SIZE = ("auto", "registered", "registered-plain")
 """Detectors that make use of frames at full size."""
 BAG_OPTIONS = ("image_topic", "pose_topic", "world_frame")
+"""Settings that only a bag has a use for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,19 +45,7 @@ class RecordingSource:
             BadInputError: An option of bags was given for something else, or a lens to be
                 estimated where the camera is known.
         """
-        if is_bag(config.recording):
-            topics = TopicChoice(image=config.image_topic, pose=config.pose_topic)
-            frame = config.world_frame
-            wiring = Wiring() if frame is None else Wiring(world_frame=frame)
-            bag = BagRecording(path=config.recording, topics=topics, wiring=wiring)
-            source = cls(config=config, bag=bag)
-            source._refuse_lens_of_known_camera()
-            return source
-        asked = [name for name in BAG_OPTIONS if getattr(config, name) is not None]
-        if asked:
-            option = f"--{asked[0].replace('_', '-')}"
-            raise BadInputError(f"{config.recording}: is no bag; leave {option} out")
-        source = cls(config=config, bag=None)
+        source = cls(config=config, bag=_bag_of(config))
         source._refuse_lens_of_known_camera()
         return source
 
@@ -163,6 +152,20 @@ class RecordingSource:
                 f"--lens {self.estimated_lens}: the camera is known and nothing of its lens is "
                 "estimated; leave out --lens, or what gives the camera"
             )
+
+
+def _bag_of(config: RunConfig) -> BagRecording | None:
+    """The recording as a bag; None where it is none."""
+    if is_bag(config.recording):
+        topics = TopicChoice(image=config.image_topic, pose=config.pose_topic)
+        frame = config.world_frame
+        wiring = Wiring() if frame is None else Wiring(world_frame=frame)
+        return BagRecording(path=config.recording, topics=topics, wiring=wiring)
+    asked = [name for name in BAG_OPTIONS if getattr(config, name) is not None]
+    if asked:
+        option = f"--{asked[0].replace('_', '-')}"
+        raise BadInputError(f"{config.recording}: is no bag; leave {option} out")
+    return None
 
 
 def telemetry_of(recording: Path, asked: Path | None) -> tuple[Path, ...]:

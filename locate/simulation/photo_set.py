@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -84,16 +84,20 @@ class PhotoSet:
         return image
 
 
-PosedNames = tuple[tuple[str, ...], Trajectory, FloatArray]
+class _PosedNames(NamedTuple):
+    """Names and poses of N photos, and (M, 3) sparse points where the source has any."""
+
+    names: tuple[str, ...]
+    trajectory: Trajectory
+    points_in_world: FloatArray
 
 
-def _read_poses(folder: Path) -> PosedNames:
-    """Names and poses of the photos, and (M, 3) sparse points where the source has any."""
+def _read_poses(folder: Path) -> _PosedNames:
     if model := _colmap_folder(folder):
         named = read_named_poses(model)
         points = read_colmap_model(model).points3D.values()
         xyz = np.array([point.xyz for point in points]).reshape(-1, 3)
-        return named.names, named.trajectory, xyz
+        return _PosedNames(named.names, named.trajectory, xyz)
     if any(folder.rglob("*.camera")):
         return _read_strecha(folder)
     if (path := folder / "transforms.json").exists():
@@ -103,12 +107,12 @@ def _read_poses(folder: Path) -> PosedNames:
     )
 
 
-def _read_transforms(path: Path) -> PosedNames:
+def _read_transforms(path: Path) -> _PosedNames:
     """Leaves out the poses without a photo, as such files list frames that were dropped."""
     named = read_named_poses(path)
     rows = [i for i, name in enumerate(named.names) if is_there(path.parent / name)]
     names = tuple(named.names[i] for i in rows)
-    return names, named.trajectory.take(rows), np.empty((0, 3))
+    return _PosedNames(names, named.trajectory.take(rows), np.empty((0, 3)))
 
 
 def _find_photo(folder: Path, name: str) -> Path:
@@ -124,7 +128,7 @@ def _colmap_folder(folder: Path) -> Path | None:
     return next((p for p in places if any((p / kind).exists() for kind in kinds)), None)
 
 
-def _read_strecha(folder: Path) -> PosedNames:
+def _read_strecha(folder: Path) -> _PosedNames:
     paths = sorted(folder.rglob("*.camera"))
     numbers = np.array([_camera_numbers(path) for path in paths])
     names = tuple(path.name.removesuffix(".camera") for path in paths)
@@ -140,7 +144,7 @@ def _read_strecha(folder: Path) -> PosedNames:
         translations=-np.einsum("nij,nj->ni", rotations, numbers[:, 21:24]),
         metric=True,
     )
-    return names, trajectory, np.empty((0, 3))
+    return _PosedNames(names, trajectory, np.empty((0, 3)))
 
 
 def _camera_numbers(path: Path) -> FloatArray:
