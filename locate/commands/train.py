@@ -61,7 +61,11 @@ def train(
 
 
 def config_path(config: Path) -> Path:
-    """The file, or the shipped config of that name."""
+    """The file, or the shipped config of that name.
+
+    Raises:
+        BadInputError: It is neither.
+    """
     if config.suffix or config.exists():
         return config
     shipped = {

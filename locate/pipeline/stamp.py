@@ -21,14 +21,22 @@ PUBLISHING = "publishing"
 
 
 def check_output_name(name: str) -> str:
-    """Refuses what is not the name of a file or folder directly below the run folder."""
+    """The name of a file or folder directly in the run folder.
+
+    Raises:
+        ValueError: It is no such name.
+    """
     if not is_plain_name(name) or name.startswith(".") or name in OWN_FILES:
         raise ValueError(f"{name!r} is not the name of a stage's file")
     return name
 
 
 def check_output_path(path: str) -> str:
-    """Refuses what is not the path of a file in the output of a stage."""
+    """The path of a file in the output of a stage.
+
+    Raises:
+        ValueError: It is no such path.
+    """
     first, *inner = path.split("/")
     check_output_name(first)
     if not all(is_plain_name(name) for name in inner):

@@ -227,6 +227,8 @@ class _DecodedFrames:
     """The frames of a stream that decode, up to where none does.
 
     Attributes:
+        container: The file.
+        stream: Of it.
         broken: Some did not, among those read so far.
         interlaced: Some are of two fields, among those read so far.
     """
