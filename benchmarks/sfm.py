@@ -4,8 +4,8 @@
 
 DATA_DIR holds `2_sfm/` and `2_dense_video/`. `sample` is the bundled recording; `--plants` adds
 recordings of `locate simulate` or `benchmarks.scenes orbit` with their truth.json. Each of these
-is also measured edited (`benchmarks/common/edited.py`): `sample-h264`. Where there
-is no truth only the report speaks. `--sift` leaves tracks out. Prints a table; `--json FILE`
+is also measured edited (`benchmarks/common/edited.py`): `sample-h264`. Sets without a truth have
+only the report of the reconstruction. `--sift` leaves tracks out. Prints a table; `--json FILE`
 writes the same numbers, unrounded.
 """
 
@@ -39,7 +39,7 @@ from locate.recording import KeyFrames, open_recording, select_frames
 DEFAULT_DATA = Path(__file__).parents[1] / "../shared/data"
 SAMPLE = Path(__file__).parents[1] / "locate/data/sample"
 NEIGHBOUR = 5
-"""Frames between two whose relative rotation is judged."""
+"""Frames between two whose relative rotation is compared with the truth."""
 Poses = dict[str, tuple[FloatArray, FloatArray]]
 Measure = Callable[[Reconstruction, KeyFrames], dict[str, float]]
 
@@ -83,7 +83,7 @@ def strecha_camera(folder: Path) -> Camera:
 def run(
     images: Path, workdir: Path, camera: Camera | None = None, *, by_tracks: bool = True
 ) -> tuple[Reconstruction, KeyFrames]:
-    """Photos through the same doors as `locate run`."""
+    """The key frames and the reconstruction of a recording, as `locate run` makes them."""
     frames = select_frames(open_recording(images), workdir / "frames")
     found = reconstruct(
         workdir / "frames",
@@ -153,7 +153,7 @@ def against_simulation(truth_path: Path) -> Measure:
 
 
 def without_truth(_: Reconstruction, __: KeyFrames) -> dict[str, float]:
-    """Nothing but what the reconstruction says of itself."""
+    """Nothing: there is only the report of the reconstruction."""
     return {}
 
 
@@ -268,7 +268,7 @@ def all_sets(data: Path, rendered: Sequence[Path]) -> dict[str, BenchmarkSet]:
 
 
 def describe(found: Reconstruction, frames: KeyFrames) -> str:
-    """What the reconstruction says of itself, in a line."""
+    """The report of the reconstruction, in a line."""
     report = found.report
     lost = report["tracks_lost"]
     return (

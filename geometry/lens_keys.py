@@ -24,7 +24,7 @@ _NO_LENS = ("", "none", "false", "0", "0.0", "perspective", "pinhole")
 """Texts that say that there is nothing to read."""
 
 
-def speaks_of_lens(key: str) -> bool:
+def is_lens_key(key: str) -> bool:
     """True for a key of distortion, projection or shutter."""
     return _LENS_KEY.fullmatch(key) is not None
 
@@ -53,7 +53,7 @@ def refuse_unread_terms(block: Mapping[str, Any], known: Iterable[str], reader: 
     """
     read = set(known)
     for key, value in block.items():
-        if key not in read and speaks_of_lens(key) and not is_nothing(value):
+        if key not in read and is_lens_key(key) and not is_nothing(value):
             raise BadInputError(
                 f"{key} = {value!r} is not understood with {reader}; name a model that has it, "
                 "or remove it if the images are undistorted"

@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.camera import HALF_PIXEL, Camera
 from geometry.errors import BadInputError
-from geometry.lens_keys import is_nothing, refuse_unread_terms, speaks_of_lens
+from geometry.lens_keys import is_lens_key, is_nothing, refuse_unread_terms
 
 LENS_TERMS: dict[str, tuple[str, ...]] = {
     "SIMPLE_PINHOLE": (),
@@ -123,7 +123,7 @@ def read_transforms_camera(
     cameras = []
     for frame in frames:
         renamed = _rename_aliases(frame).items()
-        own = {k: value for k, value in renamed if k in INTRINSICS or speaks_of_lens(k)}
+        own = {k: value for k, value in renamed if k in INTRINSICS or is_lens_key(k)}
         label = repr(sorted(own.items()))
         if label not in read:
             read[label] = read_camera_block({**common, **own})
@@ -193,7 +193,7 @@ def _refuse_nested_terms(block: Mapping[str, Any]) -> None:
         inner = value if isinstance(value, list) and key != "frames" else [value]
         nested = [term for part in inner if isinstance(part, dict) for term in part.items()]
         for name, term in nested:
-            is_lens = name in INTRINSICS or name in ALIASES or speaks_of_lens(str(name))
+            is_lens = name in INTRINSICS or name in ALIASES or is_lens_key(str(name))
             if is_lens and not is_nothing(term):
                 raise BadInputError(
                     f"{key} holds {name}, which is read only beside frames or in a frame"

@@ -1,4 +1,4 @@
-"""The one door to open3d, which on a bare Linux lacks libraries of the system."""
+"""Loads open3d, which on a bare Linux lacks libraries of the system."""
 
 import ctypes
 import sys

@@ -5,8 +5,8 @@
 Writes bounds_displacement.csv. Pairs are those of `benchmarks.flow simulated` with a peak of 0.4
 px. The bound is that of one displacement for all pixels of a window as large as Lucas-Kanade's
 (Gaussian weights of standard deviation s stand for 4 pi s^2 pixels), for the noise of the camera
-and of rounding; of Horn-Schunck, which has no window, it is a yardstick only. Judged is the
-better textured half of the pixels. The ratio is the root mean square of error over bound.
+and of rounding; of Horn-Schunck, which has no window, it is for comparison only. The better
+textured half of the pixels counts. The ratio is the root mean square of error over bound.
 """
 
 import argparse

@@ -140,7 +140,7 @@ class GreyReader:
         if stretch is None:  # no value is a number
             return np.zeros(image.shape, np.uint8)
         darkest, brightest = float(np.nanmin(image)), float(np.nanmax(image))
-        if darkest < brightest:  # a plain image says nothing of the next
+        if darkest < brightest:  # of a plain image nothing follows for the next
             self._set_by.append(kept)
             self._stretch = stretch
         return stretch.apply(image)
