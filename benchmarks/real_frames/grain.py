@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.real_frames.cases import add_case_arguments, usable
 from geometry.arrays import GreyImage
 from locate.recording.images import read_grey
-from locate.recording.recording import open_recording
+from locate.recording.opening import open_recording
 from locate.simulation.photo_overlay import displace_photo
 from locate.simulation.scene import ImageBlock
 

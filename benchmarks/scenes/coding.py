@@ -5,7 +5,7 @@ from pathlib import Path
 
 from geometry.errors import BadInputError
 from locate.recording import open_recording
-from locate.recording.recording import ANY_SIDE
+from locate.recording.opening import ANY_SIDE
 from locate.recording.writer import H264, H265
 from locate.simulation.compression import write_coded
 

@@ -29,7 +29,7 @@ from locate.evaluation.truth import SceneTruth
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
-from locate.recording.recording import open_recording
+from locate.recording.opening import open_recording
 from locate.recording.writer import H264
 from locate.simulation import Scene, random_scene
 from locate.simulation.compression import write_coded

@@ -28,7 +28,7 @@ def adapt(
     from geometry.errors import BadInputError
     from locate.pipeline.files import RunFiles
     from locate.recording.frame_files import FrameFiles
-    from locate.recording.recording import ANY_SIDE, open_recording
+    from locate.recording.opening import ANY_SIDE, open_recording
 
     start = DYBS.find_weights(weights)
     if start is None:

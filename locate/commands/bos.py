@@ -43,7 +43,7 @@ def bos(
     """Turn recordings of plumes before a known background into (frame, flow) training data."""
     from detect.flow import flow_method
     from detect.recordings import PairSettings, record_pairs
-    from locate.recording.recording import ANY_SIDE, open_recording
+    from locate.recording.opening import ANY_SIDE, open_recording
 
     settings = PairSettings(flow=flow, size_px=size, every=every, split=split)
     parse_reference(reference)

@@ -43,7 +43,7 @@ def detect(
     from detect.registry import make_detector
     from locate.pipeline.frame_by_frame import MASK_NATS, detect_frames
     from locate.recording.images import read_grey
-    from locate.recording.recording import ANY_SIDE, open_recording
+    from locate.recording.opening import ANY_SIDE, open_recording
 
     view = None
     if reference is not None:

@@ -21,7 +21,7 @@ from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.journal.progress import Report, ignore_report
 from locate.recording.frame_files import FrameFiles
 from locate.recording.images import write_png
-from locate.recording.recording import ANY_SIDE, open_recording
+from locate.recording.opening import ANY_SIDE, open_recording
 from locate.recording.writer import open_video
 
 SCHEMA = "locate.detections/1"

@@ -16,7 +16,7 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.recording import KeyFrames, Recording, open_recording
 from locate.recording.bag import BagRecording
-from locate.recording.recording import DEFAULT_MAX_SIDE
+from locate.recording.opening import DEFAULT_MAX_SIDE
 from locate.telemetry import telemetry_candidates
 
 USE_FULL_SIZE = ("auto", "registered", "registered-plain")

@@ -2,7 +2,8 @@
 
 from locate.recording.index import FRAMES_SCHEMA, KeyFrame, KeyFrames
 from locate.recording.keyframes import select_frames
-from locate.recording.recording import Frame, Recording, open_recording
+from locate.recording.opening import open_recording
+from locate.recording.recording import Frame, Recording
 
 __all__ = [
     "FRAMES_SCHEMA",

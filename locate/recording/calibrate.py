@@ -15,7 +15,8 @@ from geometry.errors import BadInputError
 from geometry.lens_calibration import BoardView, LensCalibration, LensName, calibrate_lens
 from locate.journal.progress import Report, ignore_report
 from locate.recording.images import write_png
-from locate.recording.recording import ANY_SIDE, Recording, open_recording
+from locate.recording.opening import ANY_SIDE, open_recording
+from locate.recording.recording import Recording
 
 SCHEMA = "locate.camera/1"
 MOST_LOOKED_AT, MOST_VIEWS = 120, 40

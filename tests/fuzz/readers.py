@@ -43,7 +43,7 @@ from locate.pipeline.run_folder import RunFolder
 from locate.pipeline.stamp import Stamp
 from locate.recording.images import read_grey
 from locate.recording.index import KeyFrame, KeyFrames
-from locate.recording.recording import open_recording
+from locate.recording.opening import open_recording
 from locate.simulation.campaign import SCHEMA as CAMPAIGN_SCHEMA
 from locate.simulation.campaign import Campaign
 from locate.simulation.photo_set import PhotoSet

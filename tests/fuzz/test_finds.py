@@ -36,7 +36,7 @@ from locate.pipeline.points import load_points
 from locate.recording.decoders import photo_size
 from locate.recording.images import read_grey
 from locate.recording.index import KeyFrames
-from locate.recording.recording import open_recording
+from locate.recording.opening import open_recording
 from locate.recording.writer import open_video
 from locate.simulation.photo_set import PhotoSet
 from locate.survey.flights import read_config

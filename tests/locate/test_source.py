@@ -10,7 +10,7 @@ from locate.pipeline import source
 from locate.pipeline.config import RunConfig
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrame, KeyFrames
-from locate.recording.recording import open_recording
+from locate.recording.opening import open_recording
 
 
 @pytest.fixture
