@@ -20,6 +20,7 @@ from typing import IO, Any, TypeVar
 
 from geometry.errors import LocateError
 from geometry.memory import keep_freed_memory
+from geometry.reports import Report
 from geometry.threads import with_one_blas_thread
 
 PROGRAM = f"from {__name__} import answer_call; answer_call()"
@@ -28,7 +29,6 @@ LAST_WORDS = re.compile(r"what\(\): *(?:\[[^]]*\] *)?(.*)")
 SIGNAL_AT_PARENTS_END = 1
 """PR_SET_PDEATHSIG of Linux's prctl."""
 Result = TypeVar("Result")
-Report = Callable[[str, float], object]
 
 
 def count_cores() -> int:

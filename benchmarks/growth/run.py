@@ -28,7 +28,7 @@ from benchmarks.growth.looped import loop_video, write_unit
 from geometry.arrays import GreyImage
 from geometry.image_files import write_image
 from geometry.processes import call_apart
-from locate.journal.progress import ignore_report
+from geometry.reports import ignore_report
 from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording import open_recording

@@ -23,9 +23,9 @@ from detect.kinds import DYBS, REGISTERED
 from detect.registry import KINDS, make_detector
 from geometry.arrays import FloatMap, GreyImage
 from geometry.image_files import read_image, write_image
+from geometry.reports import ignore_report
 from geometry.trajectory import Trajectory
 from locate.evaluation import evaluate_map
-from locate.journal.progress import ignore_report
 from locate.map.plume import PlumeMap
 from locate.pipeline.decide import fuse_detections
 from locate.pipeline.detections import measure_frames

@@ -1,7 +1,7 @@
 """A trained network taught one background more: a short training that begins with its weights."""
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import onnx
@@ -19,12 +19,11 @@ from detect.learning.reread import read_network
 from detect.learning.trainer import train_network
 from detect.synthesis import Shard
 from detect.synthesis.dataset import SCHEMA, write_index
+from geometry.reports import Report
 
 HAZE, PLUMES, HELD = "haze", "plumes", "held"
 BACKGROUND_SHARE = 0.6
 SEED = 0
-
-Report = Callable[[str, float], None]
 
 
 def fine_tune(

@@ -1,7 +1,7 @@
 """The single-frame detector, taught the user's own background in a minute or two."""
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -17,6 +17,7 @@ from detect.synthesis import Sample, Shard
 from detect.synthesis.own_images import HALF_SCALE, sample_hazy_images, sample_own_images
 from geometry.arrays import GreyImage
 from geometry.atomic import atomic_path
+from geometry.reports import Report
 
 HELD_OUT = 5
 """Of so many images, one is not learned from."""
@@ -31,8 +32,6 @@ THINNED = 5
 NO_EVIDENCE = Calibration(scores=SCORES, scales={})
 """Of a network that learned from one image: its noise is a part of what it knows, and samples of
 that same image would call evidence what is other noise."""
-
-Report = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)

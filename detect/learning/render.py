@@ -1,14 +1,12 @@
 """The samples that a training needs and that are not there yet."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from detect.learning.config import TrainConfig
 from detect.synthesis import Recipe, render_dataset, write_run
 from detect.synthesis.dataset import SHARD_SAMPLES
 from geometry.npz import open_arrays
-
-Report = Callable[[str, float], None]
+from geometry.reports import Report
 
 
 def render_missing(config: TrainConfig, data: Path, *, report: Report, processes: int = 1) -> None:

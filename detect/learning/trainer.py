@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,13 +29,13 @@ from detect.learning.reread import read_network, revive_norms
 from detect.learning.validation import ValidationScore, validate_network
 from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError
+from geometry.reports import Report
 
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
 BETAS = (0.9, 0.999)
 """Of Adam (Kingma and Ba, ICLR 2015), their defaults."""
 NORM_BATCHES = 4
 """Batches by which an exported network, whose BatchNorms were folded away, gets them back."""
-Report = Callable[[str, float], None]
 
 
 def train_network(

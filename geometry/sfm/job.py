@@ -1,16 +1,15 @@
 """What structure from motion works on, and how far it is."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pycolmap
 
 from geometry.arrays import FloatArray, IntArray
+from geometry.reports import Report
 from geometry.sfm.features import MatchedPair
 
-Progress = Callable[[str, float], None]
-"""Called with the name of a stage and a fraction."""
 STAGES = {  # start and share of the whole call
     "finding features": (0.0, 0.25),
     "matching features": (0.25, 0.2),
@@ -22,7 +21,7 @@ STAGES = {  # start and share of the whole call
 class ProgressMeter:
     """Turns the fraction of a stage into that of the whole call, which never falls."""
 
-    def __init__(self, report: Progress | None) -> None:
+    def __init__(self, report: Report | None) -> None:
         self._report = report
         self._reached = 0.0
 
@@ -61,7 +60,7 @@ class MappingJob:
     refine: bool
     focal_prior_px: float | None
     ordered: bool
-    progress: Progress
+    progress: Report
     pairs: Sequence[MatchedPair] = ()
 
     @property

@@ -16,10 +16,11 @@ from geometry.camera import Camera
 from geometry.errors import BadInputError, LocateError, RegistrationError, RegistrationFailure
 from geometry.image_files import read_image
 from geometry.lens_calibration import LensName
+from geometry.reports import Report
 from geometry.sfm import checks, features, mapping, pairing, result, summary, tracks, zooms
 from geometry.sfm.covariance import AdjustmentErrors, TiedBy
 from geometry.sfm.gauge import normalising_transform
-from geometry.sfm.job import MappingJob, Progress, ProgressMeter
+from geometry.sfm.job import MappingJob, ProgressMeter
 
 FATAL_ONLY = 3  # every other failure is reported through an exception
 
@@ -43,7 +44,7 @@ def reconstruct(
     workdir: Path,
     ordered: bool = True,
     by_tracks: bool = True,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> result.Reconstruction:
     """Estimates the pose of every frame, the camera, and a sparse set of points.
 

@@ -11,8 +11,9 @@ from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from geometry.lock import hold_output
 from geometry.named_paths import resolve_path
+from geometry.reports import Report
 from locate.commands.console import Output, err, out
-from locate.journal.progress import Report, progress_bars
+from locate.journal.progress import progress_bars
 
 if TYPE_CHECKING:
     from detect.recordings import RecordedPairs

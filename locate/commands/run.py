@@ -10,9 +10,9 @@ import typer
 
 from geometry.errors import BadInputError
 from geometry.processes import count_cores
+from geometry.reports import Report, ignore_report
 from locate.commands.console import WEIGHTS, Output, Quiet, Verbose, err, out
 from locate.journal.log import log_to_file
-from locate.journal.progress import Report, ignore_report
 from locate.journal.whole_run import run_bar
 from locate.pipeline.config import DetectorName, Lens, RunConfig, read_settings
 from locate.pipeline.effort import EFFORTS, Effort

@@ -6,9 +6,10 @@ from typing import Annotated
 import typer
 
 from geometry.named_paths import resolve_path
+from geometry.reports import ignore_report
 from locate.commands.console import Verbose, Weights, err, out
 from locate.journal.log import log_to_file
-from locate.journal.progress import ignore_report, progress_bars
+from locate.journal.progress import progress_bars
 from locate.pipeline.config import DetectorName
 
 

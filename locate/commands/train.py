@@ -1,6 +1,6 @@
 """`locate train`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -12,14 +12,13 @@ import typer
 import detect
 from geometry.errors import BadInputError
 from geometry.lock import hold_output
+from geometry.reports import Report
 from locate.commands.console import Output, err, out
 from locate.journal.progress import progress_bars
 
 if TYPE_CHECKING:
     from detect.learning.config import PoolConfig, TrainConfig
     from detect.synthesis.split import Split
-
-Report = Callable[[str, float], None]
 
 
 def train(

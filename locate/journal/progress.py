@@ -4,7 +4,6 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import TypeAlias
 
 from rich.console import Console
 from rich.progress import (
@@ -18,14 +17,9 @@ from rich.progress import (
 )
 
 from geometry.errors import INTERRUPTED, InterruptedRunError
+from geometry.reports import Report, ignore_report
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-Report: TypeAlias = Callable[[str, float], None]
-"""Takes the name of a stage and the share of it that is done; below 0 it has no known end."""
-
-
-def ignore_report(stage: str, share: float) -> None:
-    """A progress report that nobody reads."""
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task, TextCol
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
-from locate.journal.progress import Report, ignore_report
+from geometry.reports import Report, ignore_report
 
 USUAL_S = {"frames": 2.0, "poses": 8.0, "detections": 15.0, "fusion": 15.0, "report": 2.5}
 """Of each stage, what the bundled sample takes where nothing else runs, about, s."""

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from geometry.reports import Report, ignore_report
 from locate.journal.log import log_to_file
-from locate.journal.progress import Report, ignore_report
 from locate.map.plume import PlumeMap
 from locate.pipeline.config import RunConfig
 from locate.pipeline.files import RunFiles

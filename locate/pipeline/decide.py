@@ -11,13 +11,13 @@ from detect.registry import DetectorChoice
 from detect.response import Response
 from geometry.printable import printable
 from geometry.refraction import temperature_rise_k
+from geometry.reports import Report, ignore_report
 from geometry.trajectory import Trajectory
 from locate import __version__
 from locate.fusion.find import FoundPlumes, find_plumes
 from locate.fusion.limit import RADIUS_UNITS
 from locate.fusion.still_camera.bearings import find_bearings
 from locate.fusion.views import RANGE_TO_UNIT, Views
-from locate.journal.progress import Report, ignore_report
 from locate.map.answer import Answer, Cause, Obstacle
 from locate.map.plume import PlumeMap
 from locate.pipeline.detections import load_detections, load_response

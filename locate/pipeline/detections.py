@@ -10,8 +10,8 @@ from detect.detection import Detection, Detector
 from detect.response import Response
 from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError, first_complaint
+from geometry.reports import Report
 from geometry.text_files import read_json
-from locate.journal.progress import Report
 from locate.recording.posed_frames import PosedFrames
 from locate.recording.spacing import spread_key_rows
 

@@ -15,10 +15,10 @@ from geometry.atomic import atomic_path, is_unfinished, remove_unfinished, write
 from geometry.errors import BadInputError
 from geometry.lock import LOCK, hold_lock
 from geometry.removal import remove_inside
+from geometry.reports import Report, ignore_report
 from geometry.text_files import read_json
 from geometry.threads import with_one_blas_thread
 from locate.export.pictures import displacement_picture, overlay_evidence
-from locate.journal.progress import Report, ignore_report
 from locate.recording.frame_files import FrameFiles
 from locate.recording.images import write_png
 from locate.recording.opening import ANY_SIDE, open_recording

@@ -1,6 +1,6 @@
 """The stage that chooses: the key frames of a recording, as images and an index."""
 
-from locate.journal.progress import Report
+from geometry.reports import Report
 from locate.pipeline.files import RunFiles
 from locate.recording import Recording, select_frames
 

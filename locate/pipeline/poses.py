@@ -12,12 +12,12 @@ from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
 from geometry.processes import call_apart
 from geometry.removal import remove_inside
+from geometry.reports import Report
 from geometry.sfm import Reconstruction, reconstruct
 from geometry.sfm.given_poses import check_given_poses
 from geometry.stray_poses import stray_rows
 from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
-from locate.journal.progress import Report
 from locate.pipeline.files import RunFiles
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames

@@ -9,8 +9,8 @@ from typing import Any
 from detect import registry
 from detect.registry import DetectorChoice
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.reports import Report, ignore_report
 from geometry.threads import with_one_blas_thread
-from locate.journal.progress import Report, ignore_report
 from locate.map.plume import PlumeMap
 from locate.pipeline import decide, detections, frames, place, poses, publish
 from locate.pipeline.config import RunConfig

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from detect.detection import Detector
 from geometry.processes import start_call
-from locate.journal.progress import Report, ignore_report
+from geometry.reports import Report, ignore_report
 from locate.pipeline.detections import measure_frames
 from locate.recording.posed_frames import PosedFrames
 

@@ -13,7 +13,7 @@ from geometry.atomic import write_text_atomic
 from geometry.calibration_board import CalibrationBoard
 from geometry.errors import BadInputError
 from geometry.lens_calibration import BoardView, LensCalibration, LensName, calibrate_lens
-from locate.journal.progress import Report, ignore_report
+from geometry.reports import Report, ignore_report
 from locate.recording.images import write_png
 from locate.recording.opening import ANY_SIDE, open_recording
 from locate.recording.recording import Recording

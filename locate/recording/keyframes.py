@@ -8,12 +8,13 @@ import numpy as np
 
 from geometry.arrays import FloatArray, GreyImage, IntArray
 from geometry.disk_space import check_space
+from geometry.reports import Report
 from locate.recording.images import write_png
 from locate.recording.index import FULL_SIZE, KeyFrame, KeyFrames
 from locate.recording.motion import make_thumbnail, median_motion
 from locate.recording.recording import Recording
 from locate.recording.spacing import avoid_b_frames
-from locate.recording.watching import THUMBNAIL_SIDE, Progress, watch_recording
+from locate.recording.watching import THUMBNAIL_SIDE, watch_recording
 
 TARGET_MOTION = 0.005
 """Image motion wanted between key frames, over the width."""
@@ -32,7 +33,7 @@ def select_frames(
     target_motion: float = TARGET_MOTION,
     at_rest: bool = False,
     shot: int | None = None,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> KeyFrames:
     """Chooses key frames and writes them as grey PNG files ``folder/{index:06d}.png``.
 
@@ -138,7 +139,7 @@ def _write_frames(
     recording: Recording,
     chosen: list[KeyFrame],
     folder: Path,
-    progress: Progress | None,
+    progress: Report | None,
     *,
     full: bool,
 ) -> list[KeyFrame]:

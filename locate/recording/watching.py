@@ -1,12 +1,12 @@
 """A recording watched once: its shots, which frames show something, and whether it moves."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
+from geometry.reports import Report
 from locate.recording.index import KeyFrame
 from locate.recording.motion import (
     LEAST_TEXTURE,
@@ -36,8 +36,6 @@ MOST_WAITING = 32
 """Most frames in memory while it is not known whether they are a new shot."""
 NAMED_SHOTS = 8
 """Most shots whose times a note states."""
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +120,7 @@ def watch_recording(
     recording: Recording,
     target_motion: float,
     max_frames: int,
-    progress: Progress | None,
+    progress: Report | None,
     *,
     shot: int | None = None,
 ) -> WatchedShot:
@@ -165,7 +163,7 @@ def watch_recording(
 
 
 def _watch_shots(
-    recording: Recording, target_motion: float, max_frames: int, progress: Progress | None
+    recording: Recording, target_motion: float, max_frames: int, progress: Report | None
 ) -> list[_Shot]:
     shots = [_Shot(target_motion, is_video=recording.is_video)]
     cuts = CutFinder()

@@ -6,8 +6,8 @@ from typing import Any
 
 from detect.detection import Detector
 from geometry.errors import BadInputError
+from geometry.reports import Report, ignore_report
 from geometry.threads import with_one_blas_thread
-from locate.journal.progress import Report, ignore_report
 from locate.map.plume import PlumeMap
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.wiring import Wiring

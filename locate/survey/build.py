@@ -10,8 +10,8 @@ import numpy as np
 from geometry.errors import BadInputError
 from geometry.lock import hold_lock
 from geometry.named_paths import resolve_path
+from geometry.reports import Report, ignore_report
 from geometry.threads import with_one_blas_thread
-from locate.journal.progress import Report, ignore_report
 from locate.map.plume import Plume
 from locate.pipeline.files import RunFiles
 from locate.survey.coverage import CoverageJob, FlightCoverage

@@ -11,7 +11,7 @@ from detect.detection import Detection, Frames
 from detect.response import Response
 from geometry.camera import Camera
 from geometry.errors import BadInputError
-from locate.journal.progress import ignore_report
+from geometry.reports import ignore_report
 from locate.pipeline.detections import (
     load_detections,
     load_response,

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from geometry.reports import ignore_report
 from geometry.trajectory import Trajectory
-from locate.journal.progress import ignore_report
 from locate.pipeline import poses
 from locate.pipeline.config import RunConfig
 from locate.pipeline.files import RunFiles
