@@ -9,7 +9,7 @@ import numpy as np
 from geometry.arrays import GreyImage, IntArray
 from geometry.trajectory import Trajectory
 from locate.recording import open_recording
-from locate.recording.writer import LOSSLESS, open_video
+from locate.recording.writer import LOSSLESS, create_video
 from locate.simulation.compression import compress_h264
 
 FPS = 15.0
@@ -46,7 +46,7 @@ def write_edited(source: Path, edit: str, folder: Path) -> None:
         images = compress_h264(images, FPS, bits_per_pixel=BITS_PER_PIXEL).images
     height, width = images[0].shape
     folder.mkdir(parents=True, exist_ok=True)
-    with open_video(folder / "video.mkv", size=(width, height), fps=FPS, codec=LOSSLESS) as video:
+    with create_video(folder / "video.mkv", size=(width, height), fps=FPS, codec=LOSSLESS) as video:
         for image in images:
             video.write(image)
     truth = Trajectory.load(source / "truth.json").take(rows)

@@ -13,7 +13,7 @@ import numpy as np
 
 from geometry.arrays import GreyImage
 from locate.recording import open_recording, select_frames
-from locate.recording.writer import open_video
+from locate.recording.writer import create_video
 
 SIZES = ((1920, 1080, 90), (3840, 2160, 45))
 
@@ -41,7 +41,7 @@ def write_flight(path: Path, ground: GreyImage, size: tuple[int, int], count: in
     """Writes a video of `count` frames of a camera that moves evenly over the ground."""
     width, height = size
     options = {"crf": "20", "preset": "veryfast"}
-    with open_video(path, size=size, fps=30, options=options) as video:
+    with create_video(path, size=size, fps=30, options=options) as video:
         for i in range(count):
             view = ground[200 + 3 * i : 200 + 3 * i + height, 6 * i : 6 * i + width]
             video.write(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR))

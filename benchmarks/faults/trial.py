@@ -17,7 +17,7 @@ from locate.fusion.search import null
 from locate.pipeline.stamp import Stamp, digest_outputs
 from locate.recording import open_recording
 from locate.recording.sample import SAMPLE_VIDEO
-from locate.recording.writer import LOSSLESS, open_video
+from locate.recording.writer import LOSSLESS, create_video
 
 FRAMES, WIDTH = 6, 240
 OWN = (".stages", "log.jsonl", "report.html", ".lock", ".stage.lock")
@@ -39,7 +39,7 @@ def write_recording(path: Path) -> None:
     """The bundled sample, small: structure from motion and everything after it take 3 CPU s."""
     images = [frame.image for frame in open_recording(SAMPLE_VIDEO).frames()]
     height = images[0].shape[0] * WIDTH // images[0].shape[1]
-    with open_video(path, size=(WIDTH, height), fps=2.0, codec=LOSSLESS) as video:
+    with create_video(path, size=(WIDTH, height), fps=2.0, codec=LOSSLESS) as video:
         for image in images[:: len(images) // FRAMES]:
             video.write(cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA))
 

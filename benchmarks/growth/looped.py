@@ -8,7 +8,7 @@ from pathlib import Path
 import av
 
 from geometry.arrays import GreyImage
-from locate.recording.writer import H264, open_video
+from locate.recording.writer import H264, create_video
 
 FPS = 30
 
@@ -18,7 +18,7 @@ def write_unit(path: Path, images: Sequence[GreyImage]) -> Path:
     turned = [*images, *images[-2:0:-1]]
     options = {"preset": "veryfast", "crf": "28", "g": str(len(turned)), "bf": "0"}
     height, width = images[0].shape
-    with open_video(path, size=(width, height), fps=FPS, codec=H264, options=options) as video:
+    with create_video(path, size=(width, height), fps=FPS, codec=H264, options=options) as video:
         for image in turned:
             video.write(image)
     return path

@@ -24,7 +24,7 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.run import Run
 from locate.recording import open_recording
 from locate.recording.sample import SAMPLE_VIDEO
-from locate.recording.writer import LOSSLESS, open_video
+from locate.recording.writer import LOSSLESS, create_video
 
 WRONG_FOCAL = 1.0
 """In longer sides of the image; the sample's is 0.875."""
@@ -67,7 +67,7 @@ def find_plumes(
 ) -> str:
     """The cells of a row that tell what a run found."""
     height, width = images[0].shape
-    with open_video(work / "video.mkv", size=(width, height), fps=FPS, codec=LOSSLESS) as video:
+    with create_video(work / "video.mkv", size=(width, height), fps=FPS, codec=LOSSLESS) as video:
         for image in TROUBLES[trouble](images, np.random.default_rng(0)):
             video.write(image)
     focal_px = WRONG_FOCAL * max(height, width) if trouble == "wrong_focal" else None

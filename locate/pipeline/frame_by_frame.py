@@ -22,7 +22,7 @@ from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.recording.frame_files import FrameFiles
 from locate.recording.images import write_png
 from locate.recording.opening import ANY_SIDE, open_recording
-from locate.recording.writer import open_video
+from locate.recording.writer import create_video
 
 SCHEMA = "locate.detections/1"
 INDEX, VIDEO, SCRATCH = "index.json", "overlay.mp4", ".frames"
@@ -128,7 +128,7 @@ def _detect_each(
             height, width = sizes.pop()
             unfinished = stack.enter_context(atomic_path(output / VIDEO))
             fps = measured.fps
-            video = stack.enter_context(open_video(unfinished, size=(width, height), fps=fps))
+            video = stack.enter_context(create_video(unfinished, size=(width, height), fps=fps))
         for done, (row, label) in enumerate(zip(rows, measured.labels, strict=True)):
             report("detections", done / len(rows))
             detection = detector.detect(frames, row)

@@ -17,7 +17,7 @@ from locate.pipeline.shown import frame_label, source_px
 from locate.recording import KeyFrames
 from locate.recording.frame_files import PHOTOS_FPS
 from locate.recording.posed_frames import PosedFrames
-from locate.recording.writer import open_video
+from locate.recording.writer import create_video
 
 SHORT_S = 60.0
 """Length of a recording up to which the video is written without being asked for; chosen."""
@@ -63,7 +63,7 @@ def write_overlay(
     size = (round(scale * posed.camera.width), round(scale * posed.camera.height))
     most_nats = full_scale_nats(list(evidence.values()))
     fps = _frames_per_second(posed, key_frames)
-    with open_video(path, size=size, fps=fps, options=CODING) as video:
+    with create_video(path, size=size, fps=fps, options=CODING) as video:
         for row, filmed in pictures:
             picture, label = filmed, frame_label(key_frames, int(posed.indices[row]))
             if row in evidence:

@@ -19,7 +19,7 @@ FINEST_RATE = 1001
 
 
 class VideoWriter:
-    """Takes frames one after the other; made by `open_video`."""
+    """Takes frames one after the other; made by `create_video`."""
 
     def __init__(self, container: Any, stream: Any) -> None:
         self._container = container
@@ -40,7 +40,7 @@ class VideoWriter:
 
 
 @contextmanager
-def open_video(
+def create_video(
     path: Path,
     *,
     size: tuple[int, int],
@@ -48,7 +48,7 @@ def open_video(
     codec: str = H264,
     options: Mapping[str, str] | None = None,
 ) -> Iterator[VideoWriter]:
-    """A video that is complete when the block ends.
+    """Creates a video file, which is complete when the block ends.
 
     Args:
         path: Its suffix names the container.

@@ -13,7 +13,7 @@ from av.video.frame import PictureType
 
 from detect.synthesis.sample import log_uniform
 from geometry.arrays import GreyImage, IntArray
-from locate.recording.writer import H264, H265, open_video
+from locate.recording.writer import H264, H265, create_video
 
 VIDEO_BITS_PER_PIXEL = (0.1, 0.5)
 """What cameras spend on a video."""
@@ -66,7 +66,7 @@ def write_coded(
     """Writes the frames as a video of that mean rate, by `H264` or `H265`."""
     height, width = images[0].shape
     options = _rate_options(codec, round(bits_per_pixel * images[0].size * fps))
-    with open_video(path, size=(width, height), fps=fps, codec=codec, options=options) as file:
+    with create_video(path, size=(width, height), fps=fps, codec=codec, options=options) as file:
         for image in images:
             file.write(image)
 

@@ -9,7 +9,7 @@ from locate.simulation.capture import CaptureSetup, build_surfaces
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import Renderer
 from locate.simulation.scene import Scene
-from locate.simulation.writer import make_folder, open_recording, write_summary, write_truth
+from locate.simulation.writer import create_recording, make_folder, write_summary, write_truth
 
 Progress = Callable[[int, int], None]
 
@@ -54,7 +54,7 @@ def write_recording(
 
     coding = capture.coding
     stored = frames() if coding is None else coding(list(frames()), scene.video.fps).images
-    with open_recording(output, scene.video, trajectory.camera) as video:
+    with create_recording(output, scene.video, trajectory.camera) as video:
         for image in stored:
             video.write(image)
     write_summary(output, trajectory, fields, renderer.amplitudes_px)

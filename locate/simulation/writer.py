@@ -14,7 +14,7 @@ from geometry.errors import BadInputError
 from geometry.image_files import write_image
 from geometry.npz import save_arrays
 from geometry.trajectory import Trajectory
-from locate.recording.writer import H264, LOSSLESS, open_video
+from locate.recording.writer import H264, LOSSLESS, create_video
 from locate.simulation.plume_field import PlumeField
 from locate.simulation.render import RenderedTruth
 from locate.simulation.scene import VideoBlock
@@ -31,12 +31,12 @@ class FrameSink(Protocol):
         ...
 
 
-def open_recording(
+def create_recording(
     folder: Path, video: VideoBlock, camera: Camera
 ) -> AbstractContextManager[FrameSink]:
-    """DIR/video.mkv (FFV1, lossless) or DIR/video.mp4 (H.264), complete when the block ends."""
+    """Creates DIR/video.mkv (FFV1, lossless) or DIR/video.mp4 (H.264), complete after the block."""
     lossless = video.codec == "ffv1"
-    return open_video(
+    return create_video(
         folder / ("video.mkv" if lossless else "video.mp4"),
         size=(camera.width, camera.height),
         fps=video.fps,

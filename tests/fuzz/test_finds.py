@@ -37,7 +37,7 @@ from locate.recording.decoders import photo_size
 from locate.recording.images import read_grey
 from locate.recording.index import KeyFrames
 from locate.recording.opening import open_recording
-from locate.recording.writer import open_video
+from locate.recording.writer import create_video
 from locate.simulation.photo_set import PhotoSet
 from locate.survey.flights import read_config
 from locate.telemetry import read_telemetry
@@ -349,7 +349,7 @@ def test_a_video_names_no_other_files(
 def test_usual_videos_are_read(tmp_path: Path, name: str) -> None:
     codecs = {".webm": "libvpx-vp9", ".wmv": "wmv2", ".mpg": "mpeg2video"}
     codec = codecs.get(Path(name).suffix, "libx264")
-    with open_video(tmp_path / name, size=(64, 48), fps=25, codec=codec) as video:
+    with create_video(tmp_path / name, size=(64, 48), fps=25, codec=codec) as video:
         for seed in range(3):
             video.write(texture(seed))
     assert open_recording(tmp_path / name).width == 64

@@ -12,7 +12,7 @@ from locate.recording import open_recording
 from locate.recording.colours import undistorted_pictures
 from locate.recording.posed_frames import PosedFrames
 from locate.recording.recording import Recording
-from locate.recording.writer import open_video
+from locate.recording.writer import create_video
 
 COLOURS = np.array([[40, 60, 200], [40, 200, 60], [200, 60, 40], [30, 160, 180]])
 ROWS = (0, 2, 3)
@@ -38,7 +38,7 @@ def posed(folder: Path, recording: Recording, camera: Camera | None = None) -> P
 
 
 def write_video(path: Path) -> None:
-    with open_video(path, size=(64, 48), fps=10) as video:
+    with create_video(path, size=(64, 48), fps=10) as video:
         for row in range(len(COLOURS)):
             video.write(coloured(row))
 

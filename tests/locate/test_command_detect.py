@@ -25,7 +25,7 @@ from locate.pipeline.frame_by_frame import detect_frames
 from locate.pipeline.run import Run
 from locate.recording.images import read_grey
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
-from locate.recording.writer import LOSSLESS, open_video
+from locate.recording.writer import LOSSLESS, create_video
 
 BLOB = np.s_[10:20, 30:45]
 
@@ -64,7 +64,7 @@ def photos(tmp_path: Path) -> Path:
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     path = tmp_path / "video.mkv"
-    with open_video(path, size=(64, 48), fps=12, codec=LOSSLESS) as writer:
+    with create_video(path, size=(64, 48), fps=12, codec=LOSSLESS) as writer:
         for i in range(6):
             writer.write(texture(i))
     return path

@@ -19,7 +19,7 @@ from locate.planning.installed import Extra, list_extras
 from locate.planning.prospect import RANGES_M, strengths_px
 from locate.recording import open_recording
 from locate.recording.sample import SAMPLE_VIDEO
-from locate.recording.writer import open_video
+from locate.recording.writer import create_video
 
 SRT = (
     "1\n00:00:00,000 --> 00:00:01,000\n[latitude: 47.1] [longitude: 8.2] [rel_alt: 9 abs_alt: 9]\n"
@@ -62,7 +62,7 @@ def test_a_video_is_described(tmp_path: Path) -> None:
 def test_what_is_odd_is_said(tmp_path: Path) -> None:
     video = tmp_path / "coded.mp4"
     still = np.full((240, 320), 90, np.uint8)
-    with open_video(video, size=(320, 240), fps=5) as writer:
+    with create_video(video, size=(320, 240), fps=5) as writer:
         for _ in range(8):
             writer.write(still)
     odd = " ".join(odd_things(open_recording(video)))
@@ -87,7 +87,7 @@ def test_poses_of_photos_take_longer_than_those_of_a_video(
     image = np.full((48, 64), 90, np.uint8)
     photos, video = tmp_path / "photos", tmp_path / "video.mkv"
     photos.mkdir()
-    with open_video(video, size=(64, 48), fps=5) as writer:
+    with create_video(video, size=(64, 48), fps=5) as writer:
         for number in range(3):
             cv2.imwrite(str(photos / f"{number}.png"), image)
             writer.write(image)

@@ -9,7 +9,7 @@ from locate.map.answer import Cause
 from locate.pipeline.obstacles import foreseen_obstacles, measured_obstacles
 from locate.recording import KeyFrames, open_recording
 from locate.recording.index import KeyFrame
-from locate.recording.writer import H264, H265, LOSSLESS, open_video
+from locate.recording.writer import H264, H265, LOSSLESS, create_video
 
 Causes = list[Cause]
 
@@ -57,7 +57,7 @@ def test_coarse_coding_is_named_with_its_codec() -> None:
 @pytest.mark.parametrize(("codec", "loses"), [(LOSSLESS, False), (H264, True), (H265, True)])
 def test_how_a_video_is_coded_is_read_from_it(tmp_path: Path, codec: str, loses: bool) -> None:
     path = tmp_path / "film.mkv"
-    with open_video(path, size=(96, 64), fps=10, codec=codec) as writer:
+    with create_video(path, size=(96, 64), fps=10, codec=codec) as writer:
         for i in range(5):
             writer.write(np.full((64, 96), 40 * i, np.uint8))
     recording = open_recording(path)

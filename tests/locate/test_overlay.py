@@ -97,9 +97,9 @@ from pathlib import Path
 from locate.pipeline.overlay import CODING
 from locate.recording.sample import SAMPLE_VIDEO
 from locate.recording import open_recording
-from locate.recording.writer import open_video
+from locate.recording.writer import create_video
 
-with open_video(Path(sys.argv[1]), size=(200, 150), fps=10.0, options=CODING) as video:
+with create_video(Path(sys.argv[1]), size=(200, 150), fps=10.0, options=CODING) as video:
     for frame in open_recording(SAMPLE_VIDEO).frames():
         video.write(frame.image[:150, :200])
 """

@@ -30,7 +30,7 @@ from locate.pipeline.stamp import Stamp
 from locate.recording import KeyFrames, keyframes
 from locate.recording.motion import StillnessTest
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
-from locate.recording.writer import LOSSLESS, open_video
+from locate.recording.writer import LOSSLESS, create_video
 from tests.detect.fluctuating import frames
 from tests.no_network import SOCKET_CALL, forbid_network
 
@@ -198,7 +198,7 @@ def test_a_thorough_run_counts_the_displacement_of_more_frames(tmp_path: Path) -
 def test_a_still_video_gives_a_direction_and_marks_it(tmp_path: Path) -> None:
     images = frames(0.15)
     size = (images[0].shape[1], images[0].shape[0])
-    with open_video(tmp_path / "still.mkv", size=size, fps=15, codec=LOSSLESS) as video:
+    with create_video(tmp_path / "still.mkv", size=size, fps=15, codec=LOSSLESS) as video:
         for image in images:
             video.write(image)
     result = locate("run", tmp_path / "still.mkv", "-o", tmp_path / "run")
@@ -217,7 +217,7 @@ def test_frames_are_chosen_anew_where_the_camera_turns_out_to_be_at_rest(
     """
     images = frames(1.0, count=40)
     size = (images[0].shape[1], images[0].shape[0])
-    with open_video(tmp_path / "haze.mkv", size=size, fps=15, codec=LOSSLESS) as video:
+    with create_video(tmp_path / "haze.mkv", size=size, fps=15, codec=LOSSLESS) as video:
         for image in images:
             video.write(image)
     tried: list[int] = []
