@@ -126,7 +126,7 @@ class GreyReader:
         Raises:
             BadInputError: The encoding is not known, or the data is not what the header says.
         """
-        samples = read_samples(message)
+        samples = decode_message(message)
         deep = deep_samples(samples)
         if deep is None:
             return np.ascontiguousarray(samples, dtype=np.uint8)
@@ -146,7 +146,7 @@ class GreyReader:
         return stretch.apply(image)
 
 
-def read_samples(message: Any) -> Samples:
+def decode_message(message: Any) -> Samples:
     """The (H, W) grey samples of an `Image` or a `CompressedImage`.
 
     Raises:

@@ -31,7 +31,7 @@ from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.recording.colours import undistorted_pictures
 from locate.recording.posed_frames import PosedFrames
-from locate.robot.bag_results import write_map
+from locate.robot.bag_results import write_map_bag
 
 GEOREFERENCED = {
     "plumes.geojson": write_geojson,
@@ -151,7 +151,7 @@ def _write_bag(
     if bag is None or not bag.has_poses:
         return False
     last = int(key_frames.frames[-1].source)
-    write_map(folder, plume_map, frame_id=bag.wiring.world_frame, stamp_ns=last)
+    write_map_bag(folder, plume_map, frame_id=bag.wiring.world_frame, stamp_ns=last)
     return True
 
 

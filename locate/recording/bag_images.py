@@ -14,7 +14,7 @@ from geometry.arrays import GreyImage, GreySamples
 from geometry.errors import BadInputError
 from geometry.stretch import DeepSamples, Stretch, deep_samples
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
-from locate.messages.codec import header_of, read_samples, read_stamp_ns
+from locate.messages.codec import decode_message, header_of, read_stamp_ns
 from locate.messages.image_stream import ImageStream, StampedImage, decoder_of
 from locate.messages.stamps import NS_PER_S
 from locate.recording.depth import SAMPLED
@@ -153,7 +153,7 @@ def _deep_samples(messages: Iterator[Any]) -> Iterator[DeepSamples]:
         if decoder_of(message) is not None:
             return
         try:
-            samples = deep_samples(read_samples(message))
+            samples = deep_samples(decode_message(message))
         except BadInputError:
             continue  # counted when it is read as a frame
         if samples is not None:

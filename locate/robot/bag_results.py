@@ -56,7 +56,7 @@ def write_updates(folder: Path, updates: Sequence[PlumeUpdate], *, frame_id: str
     return folder / f"{folder.name}.mcap"
 
 
-def write_map(folder: Path, plume_map: PlumeMap, *, frame_id: str, stamp_ns: int) -> Path:
+def write_map_bag(folder: Path, plume_map: PlumeMap, *, frame_id: str, stamp_ns: int) -> Path:
     """Writes the plumes of an offline run as `write_updates` does, in place of what exists.
 
     Args:

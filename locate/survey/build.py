@@ -20,7 +20,7 @@ from locate.survey.flights import FlightJob, RequestedFlight
 from locate.survey.fuse import fuse_flights
 from locate.survey.model import Flight, ReferenceColumn, Survey, SurveySettings
 from locate.survey.publish import publish_survey
-from locate.survey.raster import left_out_notes
+from locate.survey.raster import raster_notes
 
 SURVEY, FLIGHTS, COVERAGES = "survey.json", "flights", "looks"
 log = logging.getLogger("locate")
@@ -74,7 +74,7 @@ def _build_survey(
     begun = begun.model_copy(update={"origin": begun.origin or _survey_origin(begun.mapped)})
     if not flights:
         raise BadInputError(f"{output}: holds no survey yet; name its first flights")
-    begun = begun.model_copy(update={"column": column_of(begun, before)})
+    begun = begun.model_copy(update={"column": _reference_column(begun, before)})
     begun.save(output / SURVEY)
     if not begun.mapped:
         reasons = "; ".join(f"{one.name}: {one.failure}" for one in flights)
@@ -83,7 +83,7 @@ def _build_survey(
     column = {"displacement_px": displacement_px(settings, coverages)}
     begun = begun.model_copy(update={"column": begun.column.model_copy(update=column)})
     done, cells = fuse_flights(begun, coverages)
-    done = done.model_copy(update={"notes": (*done.notes, *notes, *left_out_notes())})
+    done = done.model_copy(update={"notes": (*done.notes, *notes, *raster_notes())})
     publish_survey(output, done, cells)
     done.save(output / SURVEY)
     report("map", 1.0)
@@ -162,7 +162,7 @@ def _survey_origin(mapped: Sequence[Flight]) -> dict[str, object] | None:
     return replace(place, name=f"{place.name} of {mapped[0].name}").to_dict()
 
 
-def column_of(begun: Survey, before: Survey) -> ReferenceColumn:
+def _reference_column(begun: Survey, before: Survey) -> ReferenceColumn:
     """The shape of the reference column: as stated, or the median of what was seen.
 
     It stays as it was, so that another flight does not change the coverage of the others.

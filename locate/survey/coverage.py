@@ -164,7 +164,7 @@ def measure_coverage(
     cells[:, [X, Y, Z]] = to_survey.inverse()(feet)
     cells[:, [HEIGHT, RADIUS]] = column.height_m, column.radius_m
     plumes = flight.plume_map.plumes
-    columns = Columns(cells).followed_by(Columns.of([column_of(plume) for plume in plumes]))
+    columns = Columns(cells).followed_by(Columns.of([_even_column(plume) for plume in plumes]))
     needed = np.append(np.full(len(cells), threshold), [plume.evidence_nats for plume in plumes])
     response = load_response(RunFiles(flight.folder).detections)
     found_px = column_limits_px(views, columns, needed, response)
@@ -174,8 +174,8 @@ def measure_coverage(
     )
 
 
-def column_of(plume: Plume) -> PlumeColumn:
-    """The column of a plume, in the frame of its map."""
+def _even_column(plume: Plume) -> PlumeColumn:
+    """The column of a plume, as wide everywhere as in the median, in the frame of its map."""
     lean = plume.axis[:2] / max(float(plume.axis[2]), STEEPEST_UP)
     height = plume.extent_high * float(plume.axis[2])
     radius = float(np.median(plume.radius_by_height[:, 1]))

@@ -11,7 +11,7 @@ from locate.survey.layers import write_layers
 from locate.survey.model import Survey
 from locate.survey.page import write_map_page
 from locate.survey.places import located_hotspots
-from locate.survey.raster import left_out_notes, write_raster
+from locate.survey.raster import raster_notes, write_raster
 
 RASTER = "updraft.tif"
 
@@ -19,7 +19,7 @@ RASTER = "updraft.tif"
 def publish_survey(output: Path, survey: Survey, cells: CellGrid | None) -> None:
     """Writes map.html, survey.gpkg, updraft.tif and the hotspots as GeoJSON, CUP and GPX.
 
-    Without the extra ``survey`` there is no raster; see `left_out_notes`.
+    Without the extra ``survey`` there is no raster; see `raster_notes`.
     """
     places = located_hotspots(survey)
     with atomic_path(output / "hotspots.geojson") as path:
@@ -31,7 +31,7 @@ def publish_survey(output: Path, survey: Survey, cells: CellGrid | None) -> None
     with atomic_path(output / "survey.gpkg") as path:
         write_layers(path, survey, cells)
     (output / RASTER).unlink(missing_ok=True)
-    if cells is not None and not left_out_notes():
+    if cells is not None and not raster_notes():
         with atomic_path(output / RASTER) as path:
             write_raster(path, survey, cells)
     with atomic_path(output / "map.html") as path:

@@ -13,7 +13,7 @@ from locate.survey.model import Survey
 EARTH_RADIUS_M = 6_371_000.0
 
 
-def left_out_notes() -> tuple[str, ...]:
+def raster_notes() -> tuple[str, ...]:
     """The note where the raster cannot be written for want of the extra ``survey``."""
     try:
         missing = find_spec("rasterio") is None
