@@ -81,7 +81,7 @@ def write_overlay(
 def _frames_per_second(posed: PosedFrames, key_frames: KeyFrames) -> float:
     if not key_frames.is_video:
         return PHOTOS_FPS
-    times_s = key_frames.times_s[np.isin(key_frames.indices, posed.indices)]
+    times_s = key_frames.times_of(posed.indices)
     spacing_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
     return float(np.clip(1 / max(spacing_s, 1e-3), PHOTOS_FPS, FASTEST_FPS))
 

@@ -71,16 +71,17 @@ def publish(
     _, indices, detections = load_detections(files.detections)
     measured = dict(zip(posed.rows_of(indices).tolist(), detections, strict=True))
     recording = source.open_frames()
+    times_s = key_frames.times_of(posed.indices)
     if wants_overlay(source.config.overlay, key_frames):
         write_overlay(
             target.overlay,
-            undistorted_pictures(recording, posed, range(len(posed.indices))),
+            undistorted_pictures(recording, posed, range(len(posed.indices)), times_s),
             posed=posed,
             key_frames=key_frames,
             evidence={row: detection.llr for row, detection in measured.items()},
             plume_map=plume_map,
         )
-    pictures = dict(undistorted_pictures(recording, posed, spread(list(measured))))
+    pictures = dict(undistorted_pictures(recording, posed, spread(list(measured)), times_s))
     points = coloured_points(load_points(files.points), posed, pictures)
     if posed.trajectory is not None:
         write_scene_ply(

@@ -59,7 +59,7 @@ def write_view(output: Path, path: Path) -> None:
         full_scale_nats=full_scale_nats([detection.llr for detection in found]),
         full_scale_px=_full_scale_px(found),
     )
-    pictures = _pictures(files, posed)
+    pictures = _pictures(files, posed, key_frames)
     measured = dict(zip(indices, found, strict=True))
     write_rrd(path, run, _frames(posed, key_frames, pictures, measured))
 
@@ -74,7 +74,7 @@ def _source(files: RunFiles) -> RecordingSource:
     return RecordingSource.of(RunConfig.of(read_settings(files.config)))
 
 
-def _pictures(files: RunFiles, posed: PosedFrames) -> Iterator[Picture]:
+def _pictures(files: RunFiles, posed: PosedFrames, key_frames: KeyFrames) -> Iterator[Picture]:
     """The frames in colour, or grey as the run kept them where its recording is gone."""
     try:
         recording = _source(files).open_frames()
@@ -82,7 +82,8 @@ def _pictures(files: RunFiles, posed: PosedFrames) -> Iterator[Picture]:
         for grey in posed.undistorted().images:
             yield np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
         return
-    for _, picture in undistorted_pictures(recording, posed, range(len(posed.indices))):
+    rows, times_s = range(len(posed.indices)), key_frames.times_of(posed.indices)
+    for _, picture in undistorted_pictures(recording, posed, rows, times_s):
         yield picture
 
 

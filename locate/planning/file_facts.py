@@ -6,7 +6,7 @@ from pathlib import Path
 from geometry.errors import BadInputError
 from locate.pipeline.obstacles import FEWEST_FRAMES, FINE_CODING
 from locate.recording import Recording
-from locate.recording.video import open_video
+from locate.recording.container import open_video
 from locate.telemetry import read_telemetry, telemetry_candidates
 
 SLOW_FPS = 10.0

@@ -1,13 +1,13 @@
 """Frames in colour, to be looked at; everything that measures works on grey ones."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from itertools import repeat
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from geometry.arrays import Picture
+from geometry.arrays import FloatArray, Picture
 from geometry.regular_files import read_content
 from locate.recording.formats import PhotoKind, kind_of_photo
 from locate.recording.images import distortion_map
@@ -17,7 +17,7 @@ from locate.recording.video import video_pictures
 
 
 def undistorted_pictures(
-    recording: Recording, posed: PosedFrames, rows: Collection[int]
+    recording: Recording, posed: PosedFrames, rows: Collection[int], times_s: FloatArray
 ) -> Iterator[tuple[int, Picture]]:
     """Some of the frames of a run in colour, as its pinhole camera would have taken them.
 
@@ -25,6 +25,7 @@ def undistorted_pictures(
         recording: Where they come from.
         posed: The frames of the run.
         rows: Which of them, rising.
+        times_s: (N,) of all frames of the run, from the start of the recording.
 
     Yields:
         Row and picture, (H, W, 3) blue, green, red; grey where the recording holds no colour that
@@ -33,7 +34,8 @@ def undistorted_pictures(
     grey = posed.undistorted().images
     place = distortion_map(posed.camera)
     size = (posed.camera.width, posed.camera.height)
-    coloured = _coloured_frames(recording, {int(posed.indices[row]) for row in rows})
+    wanted = {int(posed.indices[row]): float(times_s[row]) for row in rows}
+    coloured = _coloured_frames(recording, wanted)
     ahead: tuple[int, Picture] | None = None
     for row in rows:
         index = int(posed.indices[row])
@@ -49,14 +51,14 @@ def undistorted_pictures(
 
 
 def _coloured_frames(
-    recording: Recording, indices: Collection[int]
+    recording: Recording, times_s: Mapping[int, float]
 ) -> Iterator[tuple[int, Picture]]:
     """Those frames that can be read in colour, by their index; at the end one beyond all."""
     if recording.read is None and recording.stretch is None:
         if recording.is_video:
-            yield from video_pictures(recording.path, indices)
+            yield from video_pictures(recording.path, times_s)
         else:
-            yield from _coloured_photos(recording, indices)
+            yield from _coloured_photos(recording, times_s)
     yield from repeat((1 << 62, np.zeros((0, 0, 3), np.uint8)))
 
 

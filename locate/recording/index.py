@@ -107,6 +107,10 @@ class KeyFrames:
         """(N,) time of each frame."""
         return np.array([frame.time_s for frame in self.frames], dtype=float)
 
+    def times_of(self, indices: IntArray) -> FloatArray:
+        """(N,) times of some of the frames, by their (N,) indices in the recording."""
+        return self.times_s[np.searchsorted(self.indices, indices)]
+
     def save(self, path: Path) -> None:
         """Writes the index as JSON."""
         path.write_text(json.dumps({"schema": FRAMES_SCHEMA, **asdict(self)}, indent=1))

@@ -151,7 +151,7 @@ def _write_frames(
     written: list[KeyFrame] = []
     previous: GreyImage | None = None
     scale = max(1.0, max(recording.width, recording.height) / THUMBNAIL_SIDE)
-    for frame in recording.frames(lambda index, _: index in wanted):
+    for frame in recording.frames_again(chosen):
         key = wanted[frame.index]
         _, encoded = cv2.imencode(".png", frame.image)
         (folder / key.name).write_bytes(encoded.tobytes())
@@ -163,6 +163,4 @@ def _write_frames(
         previous = thumb
         if progress:
             progress("writing key frames", 0.5 + 0.5 * len(written) / len(chosen))
-        if len(written) == len(chosen):
-            break
     return written

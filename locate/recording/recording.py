@@ -1,8 +1,9 @@
 """A recording: a video or photos, read frame by frame at the working size."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -13,11 +14,14 @@ from geometry.errors import BadInputError
 from geometry.stretch import FINE, VALUES, Stretch, in_8_bits
 from locate.recording.focal import FocalPrior
 from locate.recording.images import read_samples, show_in_grey
+from locate.recording.index import KeyFrame
+from locate.recording.motion import measure_sharpness
 from locate.recording.sizes import FrameSizes
 from locate.recording.video import (
     LeftOutError,
     NamedImage,
     VideoCoding,
+    chosen_video_images,
     read_coding,
     video_images,
 )
@@ -140,24 +144,51 @@ class Recording:
             if not is_wanted(place, source):
                 continue
             try:
-                image = turn_image(source.load(), self.turns.get(index, 0))
+                yield self._frame(place, source, self.turns.get(index, 0))
             except LeftOutError:
                 continue
-            if image.shape[::-1] != self.sizes.source:
-                height, width = image.shape
-                raise BadInputError(
-                    f"{self.path}: frame {index} ({source.name}) is {width}x{height}, the first is "
-                    f"{self.sizes.source[0]}x{self.sizes.source[1]}; give frames of one camera "
-                    "and one size"
-                )
-            yield Frame(
-                index=place,
-                time_s=float(place) if self.photo_indices else source.time_s,
-                source=source.name,
-                image=self._at_working_size(in_8_bits(image)),
-                samples=image,
-                is_b_frame=source.is_b_frame,
+
+    def frames_again(self, chosen: Sequence[KeyFrame]) -> Iterator[Frame]:
+        """Yields frames that were read before, in order, where it can without decoding all.
+
+        Args:
+            chosen: What is known of them.
+
+        Raises:
+            BadInputError: As `frames`.
+        """
+        count = 0
+        if self.is_video and self.read is None:
+            times_s = [frame.time_s for frame in chosen]
+            images = chosen_video_images(self.path, times_s, self.stretch)
+            for key, source in zip(chosen, images, strict=False):
+                frame = self._frame(key.index, source)
+                if measure_sharpness(frame.image) != key.sharpness:
+                    break  # not what it was: the file says that it stands alone, and it does not
+                yield frame
+                count += 1
+        left = {frame.index for frame in chosen[count:]}
+        if left:
+            yield from islice(self.frames(lambda index, _: index in left), len(left))
+
+    def _frame(self, place: int, source: NamedImage, quarters: int = 0) -> Frame:
+        """A frame of an image that is turned by so many quarters."""
+        image = turn_image(source.load(), quarters)
+        if image.shape[::-1] != self.sizes.source:
+            height, width = image.shape
+            raise BadInputError(
+                f"{self.path}: frame {place} ({source.name}) is {width}x{height}, the first is "
+                f"{self.sizes.source[0]}x{self.sizes.source[1]}; give frames of one camera "
+                "and one size"
             )
+        return Frame(
+            index=place,
+            time_s=float(place) if self.photo_indices else source.time_s,
+            source=source.name,
+            image=self._at_working_size(in_8_bits(image)),
+            samples=image,
+            is_b_frame=source.is_b_frame,
+        )
 
     def _source_images(self) -> Iterator[NamedImage]:
         if self.read is not None:

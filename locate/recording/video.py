@@ -1,6 +1,6 @@
 """A video file, frame by frame as a player shows it: in time, shape, fields and orientation."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -12,15 +12,14 @@ import numpy as np
 from av.video.frame import PictureType
 from numpy.typing import NDArray
 
-from geometry import MOST_PIXELS
 from geometry.arrays import GreySamples, Picture
 from geometry.errors import BadInputError
 from geometry.stretch import Stretch
-from locate.recording.container import open_container
+from locate.recording.container import UNREADABLE, open_video, start_of_video_s
 from locate.recording.depth import grey_of_frame
 from locate.recording.display import PictureGeometry
 from locate.recording.fields import FILTER, merge_fields
-from locate.recording.formats import TOO_LARGE
+from locate.recording.groups import decode_chosen
 from locate.recording.streams import describe_other_streams, picture_stream
 
 CODED_FRAMES = 300
@@ -29,7 +28,6 @@ MISSING_TAIL_S = 0.5
 """Missing end of a video from which on it counts as truncated."""
 GAP = 2.5
 """Step between two frames, over the usual one, from which on some may be missing; chosen."""
-UNREADABLE = (OSError, ValueError, av.error.FFmpegError)  # some of av's errors are neither
 
 
 class LeftOutError(Exception):
@@ -51,39 +49,6 @@ class NamedImage(NamedTuple):
     name: str
     load: Callable[[], GreySamples]
     is_b_frame: bool = False
-
-
-def open_video(path: Path) -> "av.container.InputContainer":
-    """Opens a file that has a video stream.
-
-    Raises:
-        BadInputError: It cannot be read, or has none.
-    """
-    try:
-        container = open_container(path)
-    except UNREADABLE as error:
-        raise BadInputError(f"{path}: not a readable video ({_error_text(error)})") from error
-    if not container.streams.video:
-        container.close()
-        raise BadInputError(f"{path}: holds no video stream")
-    stream = picture_stream(container)
-    if stream.codec_context is None:
-        container.close()
-        raise BadInputError(f"{path}: its video stream is of no codec that can be decoded")
-    if stream.width * stream.height > MOST_PIXELS:
-        container.close()
-        raise BadInputError(f"{path}: its frames are {TOO_LARGE}")
-    return container
-
-
-def start_of_video_s(container: "av.container.InputContainer") -> float:
-    """When the first frame is shown, s on the clock that all streams of the file share."""
-    if not container.streams.video:
-        return 0.0
-    stream = picture_stream(container)
-    if stream.start_time is None or stream.time_base is None:
-        return 0.0
-    return float(stream.start_time * stream.time_base)
 
 
 def _declared_end_s(container: "av.container.InputContainer") -> float:
@@ -204,22 +169,54 @@ def _describe_gaps(times_s: list[float]) -> list[str]:
     ]
 
 
-def video_pictures(path: Path, indices: Collection[int]) -> Iterator[tuple[int, Picture]]:
-    """The frames of these numbers in colour, as a player shows them.
+def chosen_video_images(
+    path: Path, times_s: Sequence[float], stretch: Stretch | None
+) -> Iterator[NamedImage]:
+    """The frames of some times, as `video_images` gives them, without decoding all.
+
+    Only up to the first that is not found, and not surely those frames: `decode_chosen`.
+
+    Args:
+        path: The video.
+        times_s: Of the frames, rising.
+        stretch: As for `video_images`.
+    """
+    for time_s, (frame, stream) in zip(times_s, decode_chosen(path, times_s), strict=False):
+        load = partial(_show, frame, PictureGeometry.of(frame, stream), stretch)
+        yield NamedImage(time_s, path.name, load, frame.pict_type == PictureType.B)
+
+
+def video_pictures(path: Path, times_s: Mapping[int, float]) -> Iterator[tuple[int, Picture]]:
+    """Some frames in colour, as a player shows them.
+
+    Args:
+        path: The video.
+        times_s: Of each wanted frame, by its number; both rise.
 
     Yields:
         Number and picture, (H, W, 3) blue, green, red; none of what cannot be decoded.
     """
+    waiting = dict(times_s)
+    for index, (frame, stream) in zip(
+        times_s, decode_chosen(path, list(times_s.values())), strict=False
+    ):
+        del waiting[index]
+        yield index, _show_in_colour(frame, stream)
+    if not waiting:
+        return
     with open_video(path) as container:
         stream = picture_stream(container)
         stream.thread_type = "AUTO"
         decoded = _DecodedFrames(container=container, stream=stream)
-        frames = islice(merge_fields(decoded.frames()), max(indices, default=-1) + 1)
+        frames = islice(merge_fields(decoded.frames()), max(waiting) + 1)
         for index, frame in enumerate(frames):
-            if index in indices:
-                stored = np.asarray(frame.to_ndarray(format="bgr24"), dtype=np.uint8)
-                shown = PictureGeometry.of(frame, stream).show(stored)
-                yield index, np.asarray(shown, dtype=np.uint8)
+            if index in waiting:
+                yield index, _show_in_colour(frame, stream)
+
+
+def _show_in_colour(frame: av.VideoFrame, stream: av.VideoStream) -> Picture:
+    stored = np.asarray(frame.to_ndarray(format="bgr24"), dtype=np.uint8)
+    return np.asarray(PictureGeometry.of(frame, stream).show(stored), dtype=np.uint8)
 
 
 @dataclass(kw_only=True)
@@ -254,7 +251,3 @@ def _add_notes(warnings: list[str], path: Path, notes: list[str]) -> None:
     """Adds what is not noted yet; a video is read more than once."""
     named = (f"{path.name}: {note}" for note in notes)
     warnings.extend(note for note in named if note not in warnings)
-
-
-def _error_text(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)

@@ -17,8 +17,7 @@ from av.stream import Discard
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError, report_as_bad_input
-from locate.recording.container import open_container
-from locate.recording.video import start_of_video_s
+from locate.recording.container import open_container, start_of_video_s
 from locate.telemetry.assemble import Record, columns_of, track_from_columns
 from locate.telemetry.bounded import MAX_LOG_BYTES
 from locate.telemetry.clock import posix_s

@@ -8,8 +8,7 @@ from av.stream import Discard
 
 from geometry.errors import BadInputError, report_as_bad_input
 from geometry.text_files import MOST_TEXT_BYTES
-from locate.recording.container import open_container
-from locate.recording.video import start_of_video_s
+from locate.recording.container import open_container, start_of_video_s
 from locate.telemetry.dji_srt import track_of_cues
 from locate.telemetry.track import TelemetryTrack
 

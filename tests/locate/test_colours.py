@@ -53,7 +53,8 @@ def write_photos(path: Path) -> None:
 def test_frames_have_the_colours_that_were_filmed(tmp_path: Path, name: str, write) -> None:
     write(tmp_path / name)
     recording = open_recording(tmp_path / name)
-    shown = list(undistorted_pictures(recording, posed(tmp_path / "frames", recording), ROWS))
+    frames = posed(tmp_path / "frames", recording)
+    shown = list(undistorted_pictures(recording, frames, ROWS, np.arange(4) / 10))
     assert [row for row, _ in shown] == list(ROWS)
     for row, picture in shown:
         assert picture.shape == (48, 64, 3)
@@ -67,7 +68,8 @@ def test_frames_of_16_bits_stay_grey(tmp_path: Path) -> None:
     for row in range(3):
         cv2.imwrite(str(photos / f"{row}.png"), ramp)
     recording = open_recording(photos)
-    ((_, picture),) = undistorted_pictures(recording, posed(tmp_path / "frames", recording), [1])
+    frames = posed(tmp_path / "frames", recording)
+    ((_, picture),) = undistorted_pictures(recording, frames, [1], np.arange(3.0))
     grey = cv2.imread(str(tmp_path / "frames" / "000001.png"), cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(picture, np.repeat(grey[..., None], 3, axis=2))
 
@@ -82,7 +84,7 @@ def test_colour_is_undistorted_as_the_grey_frame_is(tmp_path: Path) -> None:
     recording = open_recording(photos)
     bent = Camera(model="SIMPLE_RADIAL", width=64, height=48, params=(60.0, 31.5, 23.5, -0.3))
     frames = posed(tmp_path / "frames", recording, bent)
-    ((row, picture),) = undistorted_pictures(recording, frames, [1])
+    ((row, picture),) = undistorted_pictures(recording, frames, [1], np.arange(3.0))
     difference = picture.mean(axis=2) - frames.undistorted().images[row]
     assert (
         np.abs(difference).mean() < 0.1 * np.abs(image.mean(axis=2) - picture.mean(axis=2)).mean()
