@@ -12,7 +12,7 @@ from locate.recording.index import KeyFrame
 from locate.recording.motion import measure_sharpness
 from locate.recording.recording import Frame, Recording
 from locate.recording.video import video_pictures
-from locate.recording.writer import H264, H265, open_video
+from locate.recording.writer import H264, H265, create_video
 from tests.locate.test_video import pan
 
 COUNT, GROUP = 60, 10
@@ -33,7 +33,7 @@ def write(folder: Path, coding: str) -> Recording:
     path = folder / f"{coding}.mp4"
     images = pan([1.5 * i for i in range(COUNT)])
     size = (images[0].shape[1], images[0].shape[0])
-    with open_video(path, size=size, fps=30, codec=codec, options=options) as writer:
+    with create_video(path, size=size, fps=30, codec=codec, options=options) as writer:
         for image in images:
             writer.write(image)
     return open_recording(path)
