@@ -1,6 +1,8 @@
 """CPU s for each frame of a video, to decode it and choose its key frames.
 
-``python -m benchmarks.cost key-frames``: H.264 of a moving grey texture, made on the spot.
+    python -m benchmarks.cost key-frames
+
+The videos are H.264 of a moving grey texture, made on the spot. Prints a row for each size.
 """
 
 import argparse

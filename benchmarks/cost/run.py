@@ -1,7 +1,9 @@
 """What a run costs: CPU and wall seconds of every stage, and the peak memory.
 
-python -m benchmarks.cost run                # the bundled sample, 60 frames of 640x480
-python -m benchmarks.cost run video.mp4 -o out    # and keep the run
+    python -m benchmarks.cost run                # the bundled sample, 60 frames of 640x480
+    python -m benchmarks.cost run video.mp4 -o out    # and keep the run
+
+Prints a row for each stage, then the CPU seconds of all and the peak memory.
 """
 
 import argparse

@@ -1,6 +1,8 @@
 """Experiment 1: flows and backgrounds that nothing was trained on.
 
-OMP_NUM_THREADS=1 python -m benchmarks.paper unseen --samples TEST [--every 1]
+    OMP_NUM_THREADS=1 python -m benchmarks.paper unseen --samples TEST [--every 1]
+
+Prints a row for each background, and draws one frame of each with `--picture`.
 """
 
 import argparse

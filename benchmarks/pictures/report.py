@@ -1,7 +1,9 @@
 """The report of a run as Chromium shows it.
 
-``python -m benchmarks.pictures report OUT -o docs/images/report_none.jpg``; ``--screen`` shows it
-in dark mode, on a phone, on a long page, or as it is printed.
+    python -m benchmarks.pictures report OUT -o docs/images/report_none.jpg
+
+Writes it as a JPEG; `--screen` shows it in dark mode, on a phone, on a long page, or as it is
+printed.
 """
 
 import argparse

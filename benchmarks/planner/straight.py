@@ -1,7 +1,9 @@
 """Straight columns of hot air and gases: the planned strength over the simulated one.
 
-``python -m benchmarks.planner straight``: the strength without a window of measurement, over the
-95th percentile of the displacement of the rays that the simulator bends.
+    python -m benchmarks.planner straight
+
+Prints the strength without a window of measurement, over the 95th percentile of the displacement of
+the rays that the simulator bends.
 """
 
 import argparse

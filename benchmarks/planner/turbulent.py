@@ -1,8 +1,10 @@
 """Turbulent plumes: the planned strength beside that of single frames and of their mean.
 
-``python -m benchmarks.planner turbulent``: ten flows of 30 CPU s, each seen by three cameras in six
-frames, half a second apart. A strength is the 95th percentile over the plume's image, without a
-window of measurement; of single frames the mean, least and most.
+    python -m benchmarks.planner turbulent
+
+Ten flows of 30 CPU s, each seen by three cameras in six frames, half a second apart. A strength is
+the 95th percentile over the plume's image, without a window of measurement; of single frames the
+mean, least and most.
 """
 
 import argparse

@@ -1,6 +1,8 @@
 """What full size costs: how much sharpness a displacement by parts of a pixel takes from a frame.
 
-python -m benchmarks.real_frames grain [RECORDING...]
+    python -m benchmarks.real_frames grain [RECORDING...]
+
+Prints, for each recording, the share that is lost by shifts of an eighth, a quarter and half a px.
 """
 
 import argparse

@@ -2,6 +2,8 @@
 
     OMP_NUM_THREADS=1 python -m benchmarks.single_frame table --networks A.onnx A-int8.onnx \\
         --test SAMPLES --validation SAMPLES [--plot auroc_by_peak.png] [--every 1]
+
+Prints a row for each background and contender, and AUROC by peak; `--plot` draws that.
 """
 
 import argparse

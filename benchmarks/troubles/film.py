@@ -1,6 +1,8 @@
 """Films the scene of the bundled sample without its plume: the recording in which all is false.
 
-python -m benchmarks.troubles film [OUTPUT]
+    python -m benchmarks.troubles film [OUTPUT]
+
+Writes the video and its truth into OUTPUT, by default work/no_plume; prints nothing.
 """
 
 import argparse

@@ -1,6 +1,8 @@
 """Makes the samples, both ways.
 
-python -m benchmarks.warp_leak render --photos PHOTOS --runs RUNS -o DIR
+    python -m benchmarks.warp_leak render --photos PHOTOS --runs RUNS -o DIR
+
+Prints nothing: the samples are in DIR/train and DIR/test.
 """
 
 import argparse
