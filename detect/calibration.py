@@ -12,6 +12,7 @@ from detect.evidence import LLR_MAX, LLR_MIN
 from detect.scores import auroc
 from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.errors import BadInputError
+from geometry.json_values import check_fields
 
 LEAST_AUROC = 0.6
 """A class where refraction is separated worse than this has no evidence."""
@@ -149,9 +150,7 @@ class Calibration:
         try:
             names = tuple(str(name) for name in content["scores"])
             scales = {
-                str(name): ClassCalibration(
-                    **{**scale, "weights": tuple(map(float, scale["weights"]))}
-                )
+                str(name): check_fields(ClassCalibration, scale)
                 for name, scale in content["classes"].items()
             }
         except (AttributeError, KeyError, TypeError, ValueError) as error:

@@ -7,6 +7,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
+from geometry.json_values import as_number
 
 EDGES = (0.0, *np.geomspace(0.05, 25.6, 10).tolist())
 """Of the bins of |w| / sigma; whatever is larger counts in the last."""
@@ -58,7 +59,10 @@ class Response:
             BadInputError: It is something else.
         """
         try:
-            ratios, llr = (tuple(map(float, content[name])) for name in ("ratios", "llr"))
+            ratios, llr = (
+                tuple(as_number(value, name) for value in content[name])
+                for name in ("ratios", "llr")
+            )
         except (KeyError, TypeError, ValueError) as error:
             raise BadInputError(f"{where}: not a response ({error!r})") from error
         finite = np.isfinite([*ratios, *llr]).all()

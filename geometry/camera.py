@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from geometry import MOST_PIXELS
 from geometry.arrays import FloatArray, FloatMap
 from geometry.errors import BadInputError
+from geometry.json_values import as_number, as_whole_number
 from geometry.lens_keys import refuse_unread_terms
 
 HALF_PIXEL = 0.5
@@ -104,13 +105,11 @@ class Camera:
         """
         try:
             refuse_unread_terms(block, (), f"camera model {block['model']} and its params")
-            if block["width"] != int(block["width"]) or block["height"] != int(block["height"]):
-                raise ValueError("width and height: they are whole numbers of px")
             return cls(
                 model=str(block["model"]),
-                width=int(block["width"]),
-                height=int(block["height"]),
-                params=tuple(float(value) for value in block["params"]),
+                width=as_whole_number(block["width"], "width"),
+                height=as_whole_number(block["height"], "height"),
+                params=tuple(as_number(value, "params") for value in block["params"]),
             )
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise BadInputError(f"camera block lacks a valid {error}") from error

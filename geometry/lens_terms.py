@@ -8,6 +8,7 @@ import numpy as np
 
 from geometry.camera import HALF_PIXEL, Camera
 from geometry.errors import BadInputError
+from geometry.json_values import as_number, as_whole_number
 from geometry.lens_keys import is_lens_key, is_nothing, refuse_unread_terms
 
 LENS_TERMS: dict[str, tuple[str, ...]] = {
@@ -141,7 +142,7 @@ def read_camera_block(block: Mapping[str, Any]) -> Camera:
     model = _model_of(block)
     terms = LENS_TERMS[model]
     refuse_unread_terms(block, INTRINSICS | set(terms), f"camera model {model}")
-    lens = [float(block.get(key) or 0.0) for key in terms]
+    lens = [0.0 if block.get(k) is None else as_number(block[k], k) for k in terms]
     model = READ_AS.get(model, model)
     if model in ("OPENCV", "FULL_OPENCV") and not any(lens):
         model, lens = "PINHOLE", []
@@ -151,7 +152,8 @@ def read_camera_block(block: Mapping[str, Any]) -> Camera:
         lens += [0.0] * (len(LENS_TERMS[model]) - len(lens))
     width, height = _whole_px(block, "w"), _whole_px(block, "h")
     focal_x, focal_y = _focal_lengths(block, width, height, fisheye="FISHEYE" in model)
-    cx, cy = float(block.get("cx", width / 2)), float(block.get("cy", height / 2))
+    cx = as_number(block.get("cx", width / 2), "cx")
+    cy = as_number(block.get("cy", height / 2), "cy")
     params = (focal_x, focal_y, cx - HALF_PIXEL, cy - HALF_PIXEL, *lens)
     camera = Camera(model=model, width=width, height=height, params=params)
     off = np.abs([cx - width / 2, cy - height / 2])
@@ -235,10 +237,7 @@ def _model_of(block: Mapping[str, Any]) -> str:
 def _whole_px(block: Mapping[str, Any], key: str) -> int:
     if block.get(key) is None:
         raise BadInputError("w and h, the size of the images in px, are missing")
-    value = float(block[key])
-    if value != round(value):
-        raise BadInputError(f"{key} = {value} is no whole number of px")
-    return round(value)
+    return as_whole_number(block[key], key)
 
 
 def _focal_lengths(
@@ -246,10 +245,11 @@ def _focal_lengths(
 ) -> tuple[float, float]:
     found: list[float | None] = []
     for axis, side in (("x", width), ("y", height)):
-        angle = None if fisheye else block.get(f"camera_angle_{axis}")
-        by_angle = None if angle is None else side / 2 / float(np.tan(float(angle) / 2))
+        name = f"camera_angle_{axis}"
+        angle = None if fisheye else block.get(name)
+        by_angle = None if angle is None else side / 2 / float(np.tan(as_number(angle, name) / 2))
         stated = block.get(f"fl_{axis}")
-        focal = by_angle if stated is None else float(stated)
+        focal = by_angle if stated is None else as_number(stated, f"fl_{axis}")
         found.append(focal)
         if by_angle and focal and abs(focal - by_angle) > SAME_FOCAL * by_angle:
             raise BadInputError(

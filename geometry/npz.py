@@ -56,8 +56,9 @@ def as_float32(array: np.ndarray[Any, Any]) -> FloatMap:
     """An array of a file in single precision.
 
     Raises:
-        ValueError: A number is too large for it.
+        ValueError: A number is too large for it, or it holds texts or truth values.
     """
+    check_numbers(array=array)
     try:
         with np.errstate(over="raise"):
             return array.astype(np.float32)
@@ -66,14 +67,14 @@ def as_float32(array: np.ndarray[Any, Any]) -> FloatMap:
 
 
 def check_numbers(**arrays: np.ndarray[Any, Any]) -> None:
-    """Refuses arrays of texts, by their names.
+    """Refuses arrays of texts and of truth values, by their names.
 
     Raises:
         ValueError: One holds no numbers.
     """
-    texts = [name for name, array in arrays.items() if array.dtype.kind == "U"]
-    if texts:
-        raise ValueError(f"{texts[0]} holds no numbers")
+    others = [name for name, array in arrays.items() if array.dtype.kind in "bU"]
+    if others:
+        raise ValueError(f"{others[0]} holds no numbers")
 
 
 @contextmanager

@@ -30,9 +30,9 @@ class PlainSettings(BaseModel):
 
 
 def _scalars_in(value: Any) -> Iterator[Any]:
-    """A value, or those in a list or mapping at any depth."""
+    """A value, or those in a list or mapping at any depth, with the names of a mapping."""
     if isinstance(value, dict | list | tuple):
-        for inner in value.values() if isinstance(value, dict) else value:
+        for inner in (*value, *value.values()) if isinstance(value, dict) else value:
             yield from _scalars_in(inner)
     else:
         yield value

@@ -20,6 +20,7 @@ from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.colmap_files import read_colmap_model
 from geometry.errors import BadInputError
+from geometry.json_values import as_numbers
 from geometry.lens_terms import merge_cameras, read_transforms_camera, write_camera_block
 from geometry.named_poses import NamedPoses
 from geometry.pose_lists import read_pose_list
@@ -201,7 +202,7 @@ def _read_transforms(path: Path, content: dict[str, Any], camera: Camera | None)
         without = [frame for frame in frames if frame.get("transform_matrix") is None]
         if without:
             raise BadInputError(f"{without[0]['file_path']} has no transform_matrix; remove it")
-        matrices = np.array([frame["transform_matrix"] for frame in frames], dtype=float)
+        matrices = as_numbers([frame["transform_matrix"] for frame in frames], "transform_matrix")
         if not np.isfinite(matrices).all():
             raise BadInputError("holds a pose whose numbers are not all finite")
         if matrices.shape[1] == 4 and not (np.abs(matrices[:, 3] - [0, 0, 0, 1]) < MAX_SKEW).all():

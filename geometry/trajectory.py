@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray, IntArray
 from geometry.camera import Camera
 from geometry.errors import BadInputError
+from geometry.json_values import as_numbers, as_truth, as_whole_number
 from geometry.quaternions import rotation_of
 from geometry.similarity import Similarity
 from geometry.text_files import read_json
@@ -158,23 +159,22 @@ class Trajectory:
             expected = " or ".join(READABLE_SCHEMAS)
             raise BadInputError(f"trajectory has schema {schema!r}, expected {expected}")
         try:
-            frames = sorted(content["frames"], key=lambda frame: int(frame["index"]))
-            unknown = np.full((6, 6), np.nan)
-            covariances = np.array(
-                [unknown if f.get("covariance") is None else f["covariance"] for f in frames],
-                dtype=float,
-            ).reshape(-1, 6, 6)
+            frames = sorted(
+                content["frames"], key=lambda frame: as_whole_number(frame["index"], "index")
+            )
             poses = [f["cam_from_world"] for f in frames]
-            quaternions = np.array([p["rotation_xyzw"] for p in poses], dtype=float).reshape(-1, 4)
+            covariances = _read_covariances(frames)
+            quaternions = as_numbers([p["rotation_xyzw"] for p in poses], "rotation_xyzw")
+            translations = as_numbers([p["translation"] for p in poses], "translation")
             found = cls(
                 camera=Camera.from_dict(content["camera"]),
                 indices=np.array([f["index"] for f in frames], dtype=np.int64),
-                times_s=np.array([f["time_s"] for f in frames], dtype=float),
-                rotations=rotation_of(quaternions).as_matrix().reshape(-1, 3, 3),
-                translations=np.reshape([p["translation"] for p in poses], (-1, 3)).astype(float),
+                times_s=as_numbers([f["time_s"] for f in frames], "time_s"),
+                rotations=rotation_of(quaternions.reshape(-1, 4)).as_matrix().reshape(-1, 3, 3),
+                translations=translations.reshape(-1, 3),
                 covariances=None if np.isnan(covariances).all() else covariances,
                 metric=content["units"] == "m",
-                gravity=bool(content["gravity"]),
+                gravity=as_truth(content["gravity"], "gravity"),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise BadInputError(f"trajectory lacks a valid {error}") from error
@@ -231,3 +231,12 @@ class Trajectory:
             return cls.from_dict(content)
         except BadInputError as error:
             raise BadInputError(f"{path}: {error}") from error
+
+
+def _read_covariances(frames: Sequence[dict[str, Any]]) -> FloatArray:
+    """(N, 6, 6) of the frames, NaN where there is none."""
+    found = np.full((len(frames), 6, 6), np.nan)
+    for row, frame in enumerate(frames):
+        if frame.get("covariance") is not None:
+            found[row] = as_numbers(frame["covariance"], "covariance").reshape(6, 6)
+    return found

@@ -87,13 +87,20 @@ class SingleFrameEstimator:
 
     def __init__(self, weights: Path) -> None:
         self.network, self.refinement = Network(weights), RefinementNetwork()
-        self._scale = float(self.network.metadata.get("scale", 1))
+        self._scale = self._read_scale()
         missing = OUTPUTS.keys() - set(self.network.outputs)
         if missing or self.network.channels not in {1, 3} or not 0 < self._scale <= 1:
             raise BadInputError(
                 f"{weights}: not a single-frame network; it takes 1 or 3 channels and gives "
                 f"{', '.join(OUTPUTS)}"
             )
+
+    def _read_scale(self) -> float:
+        """0, which no network has, where what is stated is no number."""
+        try:
+            return float(self.network.metadata.get("scale", 1))
+        except ValueError:
+            return 0.0
 
     def estimate(self, image: GreyImage) -> Estimate:
         """Estimates displacement and scores in one image, (H, W)."""

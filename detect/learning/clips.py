@@ -78,13 +78,14 @@ class TrainingClip:
         with open_arrays(path, "a training clip") as file:
             inputs = file["inputs"]
             displacements = file["displacements"]
-            check_numbers(inputs=inputs, displacements=displacements)
+            amplitude = file["amplitude_px"]
+            check_numbers(inputs=inputs, displacements=displacements, amplitude_px=amplitude)
             surface = np.unpackbits(file["surface"], axis=-1, count=inputs.shape[-1])
             return cls(
                 inputs=inputs,
                 displacements=displacements,
                 surface=surface.astype(bool),
-                amplitude_px=float(file["amplitude_px"]),
+                amplitude_px=float(amplitude),
             )
 
 

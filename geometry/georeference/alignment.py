@@ -10,6 +10,7 @@ from geometry.arrays import FloatArray
 from geometry.covariance import principal_sigmas, standard_deviations
 from geometry.errors import BadInputError
 from geometry.georeference.constraints import TANGENT, direction_jacobian, point_jacobian
+from geometry.json_values import as_number, as_numbers, check_fields
 from geometry.quaternions import rotation_of
 from geometry.similarity import Similarity
 
@@ -105,15 +106,16 @@ class Alignment:
             BadInputError: A key is missing or has the wrong shape.
         """
         try:
-            apply_tangent = block["enu_from_scene"]
-            rotation = rotation_of(apply_tangent["rotation_xyzw"]).as_matrix()
-            translation = np.reshape(np.asarray(apply_tangent["translation"], dtype=float), 3)
+            similarity = block["enu_from_scene"]
+            quaternion = as_numbers(similarity["rotation_xyzw"], "rotation_xyzw")
             return cls(
                 target_from_source=Similarity(
-                    scale=float(apply_tangent["scale"]), rotation=rotation, translation=translation
+                    scale=as_number(similarity["scale"], "scale"),
+                    rotation=rotation_of(quaternion).as_matrix(),
+                    translation=as_numbers(similarity["translation"], "translation").reshape(3),
                 ),
-                covariance=np.reshape(np.asarray(block["covariance"], dtype=float), (7, 7)),
-                sources=tuple(SourceReport(**source) for source in block["sources"]),
+                covariance=as_numbers(block["covariance"], "covariance").reshape(7, 7),
+                sources=tuple(check_fields(SourceReport, source) for source in block["sources"]),
                 **{name: name in block["known"] for name in KNOWN},
             )
         except (KeyError, TypeError, ValueError) as error:

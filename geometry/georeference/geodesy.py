@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
+from geometry.json_values import as_number
 
 
 class HeightDatum(StrEnum):
@@ -133,9 +134,9 @@ class Georeference:
         """
         try:
             return cls(
-                lat_deg=float(block["origin_lat_deg"]),
-                lon_deg=float(block["origin_lon_deg"]),
-                height_m=float(block["origin_height_m"]),
+                lat_deg=as_number(block["origin_lat_deg"], "origin_lat_deg"),
+                lon_deg=as_number(block["origin_lon_deg"], "origin_lon_deg"),
+                height_m=as_number(block["origin_height_m"], "origin_height_m"),
                 datum=HeightDatum(block["height_datum"]),
                 name=str(block.get("origin_name", "origin")),
             )

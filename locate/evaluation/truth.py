@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from geometry.arrays import BoolArray, FloatArray, FloatMap
-from geometry.errors import BadInputError, first_complaint
+from geometry.errors import BadInputError
+from geometry.json_values import check_fields
 from geometry.npz import as_float32, read_npz
 from geometry.text_files import read_json
 from geometry.trajectory import FARTHEST, Trajectory
@@ -61,10 +62,9 @@ class SceneTruth:
         path = folder / "truth.json"
         trajectory = Trajectory.load(path)
         try:
-            plumes = _TruthBlock.model_validate(read_json(path)).plumes
-        except ValidationError as error:
-            where, what = first_complaint(error)
-            raise BadInputError(f"{path}: {where}: {what}") from error
+            plumes = check_fields(_TruthBlock, read_json(path)).plumes
+        except ValueError as error:
+            raise BadInputError(f"{path}: {error}") from error
         axes = np.reshape([plume.axis for plume in plumes], (-1, 3)).astype(float)
         return cls(
             folder=folder,

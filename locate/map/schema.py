@@ -3,10 +3,11 @@
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from geometry.errors import BadInputError, first_complaint
+from geometry.errors import BadInputError
 from geometry.georeference import HeightDatum
+from geometry.json_values import check_fields
 from locate.map.answer import Cause
 
 SCHEMA = "locate.map/2"
@@ -118,10 +119,9 @@ def checked_fields(content: Any) -> dict[str, Any]:
     if schema not in (SCHEMA, *EARLIER):
         raise BadInputError(f"schema is {schema!r}, expected {SCHEMA!r}: make the map again")
     try:
-        checked = _MapFile.model_validate(content)
-    except ValidationError as error:
-        where, what = first_complaint(error)
-        raise BadInputError(f"{where}: {what}") from error
+        checked = check_fields(_MapFile, content)
+    except ValueError as error:
+        raise BadInputError(str(error)) from error
     fields = checked.model_dump()
     if checked.georeference is not None:
         fields["georeference"] = checked.georeference.model_dump(mode="json", exclude_unset=True)

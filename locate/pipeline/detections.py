@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from detect.detection import Detection, Detector
 from detect.response import Response
 from geometry.atomic import write_text_atomic
-from geometry.errors import BadInputError, first_complaint
+from geometry.errors import BadInputError
+from geometry.json_values import check_fields
 from geometry.reports import Report
 from geometry.text_files import read_json
 from locate.recording.posed_frames import PosedFrames
@@ -126,7 +127,6 @@ class DetectionIndex(BaseModel):
         """
         path = folder / INDEX
         try:
-            return cls.model_validate(read_json(path))
-        except ValidationError as error:
-            what = " ".join(first_complaint(error)).strip()
-            raise BadInputError(f"{path}: not an index of detections ({what})") from error
+            return check_fields(cls, read_json(path))
+        except ValueError as error:
+            raise BadInputError(f"{path}: not an index of detections ({error})") from error

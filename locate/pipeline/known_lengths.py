@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
-from geometry.errors import BadInputError, first_complaint
+from geometry.errors import BadInputError
 from geometry.georeference import ScaleConstraint
 from geometry.georeference.board import find_board, marker_board, scale_from_board
 from geometry.georeference.lengths import point_from_pixels, scale_from_distance
-from geometry.plain_settings import PlainSettings
+from geometry.json_values import check_fields
 from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.recording.images import FrameImages
@@ -27,7 +27,7 @@ Clicks = Annotated[dict[str, Pixel], Field(min_length=2)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class KnownDistance(PlainSettings):
+class KnownDistance(BaseModel):
     """The distance of two points, each clicked in at least two frames.
 
     Attributes:
@@ -37,6 +37,8 @@ class KnownDistance(PlainSettings):
         points: By the name of each of the two: pixel (x, y) by the file name of the frame in the
             run's ``frames/``.
     """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
     distance_m: Positive
     sigma_m: Positive = 0.01
@@ -52,10 +54,9 @@ class KnownDistance(PlainSettings):
         """
         content = read_json(path)
         try:
-            return cls.model_validate(content)
-        except ValidationError as error:
-            field, what = first_complaint(error)
-            raise BadInputError(f"{path}: {field or 'distance'}: {what}") from error
+            return check_fields(cls, content)
+        except ValueError as error:
+            raise BadInputError(f"{path}: {error}") from error
 
     def constrain_scale(self, trajectory: Trajectory, rows: Mapping[str, int]) -> ScaleConstraint:
         """The scale of a reconstruction by this distance.

@@ -6,7 +6,7 @@ import numpy as np
 
 from geometry.arrays import FloatArray
 from geometry.errors import BadInputError
-from geometry.npz import read_npz, save_arrays
+from geometry.npz import check_numbers, read_npz, save_arrays
 
 
 def load_points(path: Path) -> FloatArray | None:
@@ -18,9 +18,11 @@ def load_points(path: Path) -> FloatArray | None:
     if not path.exists():
         return None
     try:
-        points = np.asarray(read_npz(path)["points_in_world"], dtype=float)
+        points = read_npz(path)["points_in_world"]
+        check_numbers(points_in_world=points)
     except (KeyError, ValueError) as error:
         raise BadInputError(f"{path}: not the points of a reconstruction ({error!r})") from error
+    points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise BadInputError(f"{path}: {points.shape=}, expected (M, 3) finite numbers")
     return points

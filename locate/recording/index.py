@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from pydantic import FiniteFloat, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
+from pydantic import FiniteFloat, NonNegativeInt, PositiveInt
 
 from geometry.arrays import FloatArray, IntArray
-from geometry.errors import BadInputError, first_complaint
+from geometry.errors import BadInputError
+from geometry.json_values import check_fields
 from geometry.text_files import read_json
 
 FRAMES_SCHEMA = "locate.frames/1"
@@ -127,9 +128,6 @@ class KeyFrames:
             schema = content.pop("schema", None) if isinstance(content, dict) else None
             if schema != FRAMES_SCHEMA:
                 raise ValueError(f"its schema is {schema!r}, expected {FRAMES_SCHEMA!r}")
-            return TypeAdapter(cls).validate_python(content)
-        except ValidationError as error:
-            where, what = first_complaint(error)
-            raise BadInputError(f"{path}: {where}: {what}") from error
+            return check_fields(cls, content)
         except (OSError, ValueError) as error:
             raise BadInputError(f"{path}: not a readable frame index ({error})") from error

@@ -15,7 +15,7 @@ from detect.response import Response
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
-from geometry.npz import read_npz, save_arrays
+from geometry.npz import check_numbers, read_npz, save_arrays
 from geometry.trajectory import Trajectory
 from locate.fusion.limit import AMPLITUDES_PX, FEWEST_VIEWS, expected_llr
 from locate.fusion.search.columns import HEIGHT, RADIUS, Columns, PlumeColumn, X, Y, Z
@@ -72,6 +72,7 @@ class FlightCoverage:
         """
         arrays = read_npz(path)
         try:
+            check_numbers(**{name: array for name, array in arrays.items() if name != "key"})
             return cls(**arrays | {"key": str(arrays["key"].item())})  # type: ignore[arg-type]
         except (KeyError, TypeError, ValueError) as error:
             raise BadInputError(f"{path}: not the coverage of a flight ({error})") from error

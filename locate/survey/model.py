@@ -5,11 +5,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, Field, FiniteFloat
 
 from geometry.atomic import write_text_atomic
-from geometry.errors import BadInputError, first_complaint
+from geometry.errors import BadInputError
 from geometry.georeference import Georeference
+from geometry.json_values import check_fields
 from geometry.removal import is_plain_name
 from geometry.text_files import read_json
 from locate import __version__
@@ -207,7 +208,6 @@ class Survey(SurveyBlock):
                 f"{path}: schema is {schema!r}, expected {SCHEMA!r}; choose another folder with -o"
             )
         try:
-            return cls.model_validate(content)
-        except ValidationError as error:
-            where, what = first_complaint(error)
-            raise BadInputError(f"{path}: {where}: {what}") from error
+            return check_fields(cls, content)
+        except ValueError as error:
+            raise BadInputError(f"{path}: {error}") from error

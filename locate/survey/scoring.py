@@ -11,6 +11,7 @@ from rich.table import Table
 from geometry.arrays import BoolArray, FloatArray
 from geometry.errors import BadInputError
 from geometry.georeference import Georeference
+from geometry.json_values import as_numbers, as_truth
 from geometry.text_files import read_json
 from geometry.trajectory import FARTHEST
 from locate.evaluation.plumes import pair_within_gate
@@ -64,15 +65,15 @@ class CampaignTruth:
     ) -> Self:
         own = Georeference.from_dict(content["origin"])
         flights = content["flights"]
-        winds = np.array([flight["wind_mps"] for flight in flights], dtype=float)
+        winds = as_numbers([flight["wind_mps"] for flight in flights], "wind_mps")
         if not (np.abs(winds) < FARTHEST).all():
             raise ValueError("wind_mps: not a wind")
         wind = np.append(np.mean(winds, axis=0), 0.0)
         sites = [np.array(site.position) + site.drift_s * wind for site in campaign.sites]
         columns = [flight["columns"] for flight in flights]
-        feet = np.array(
-            [[column["source"] or [np.nan] * 3 for column in row] for row in columns], dtype=float
-        )
+        nowhere = [np.nan] * 3
+        places = [[nowhere if c["source"] is None else c["source"] for c in row] for row in columns]
+        feet = as_numbers(places, "source")
         if (np.abs(feet) > FARTHEST).any():
             raise ValueError("source: too far away")
 
@@ -80,12 +81,13 @@ class CampaignTruth:
             flat = frame.to_enu(own.lat_lon_height(np.reshape(points, (-1, 3))))
             return flat.reshape(np.shape(points))
 
+        standing = [[as_truth(column["on"], "on") for column in row] for row in columns]
         return cls(
             names=tuple(flight["name"] for flight in flights),
             sites=to_survey_frame(np.reshape(sites, (-1, 3))),
-            standing=np.array([[column["on"] for column in row] for row in columns], dtype=bool),
+            standing=np.array(standing, dtype=bool),
             feet=to_survey_frame(feet),
-            chance=np.array([[column["probability"] for column in row] for row in columns]),
+            chance=as_numbers([[c["probability"] for c in row] for row in columns], "probability"),
         )
 
 

@@ -126,6 +126,7 @@ def test_joining_weighs_by_inverse_variance_where_there_is_something_to_read() -
         ({"calibration": "null"}, "not a calibration"),
         ({"calibration": {"scores": ["logit"], "classes": {}}}, "calibrate it anew"),
         ({"scale": 0}, "not a single-frame network"),
+        ({"scale": "half"}, "not a single-frame network"),
     ],
 )
 def test_a_network_that_is_not_calibrated_says_so(

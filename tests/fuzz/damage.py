@@ -5,7 +5,9 @@ the same.
 """
 
 import copy
+import json
 import os
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -93,6 +95,19 @@ def twisted(document: Any, found: list[Twist]) -> Any:
         elif holder is not whole:
             del holder[key]
     return whole[""]
+
+
+def of_another_type(document: Any) -> Iterator[Any]:
+    """The document with one of its numbers or truth values as the other, or as a text."""
+    for place, (holder, key) in enumerate(_places(document)):
+        value = holder[key]
+        if isinstance(value, int | float):
+            number = int(value) if isinstance(value, bool) else True
+            for other in (number, json.dumps(value)):
+                changed = copy.deepcopy(document)
+                inner, name = list(_places(changed))[place]
+                inner[name] = other
+                yield changed
 
 
 def _places(holder: Any) -> Any:

@@ -19,7 +19,9 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from detect.calibration import Calibration
 from detect.detection import Detection
+from detect.response import Response
 from geometry.errors import BadInputError
 from geometry.image_files import read_image
 from geometry.json_text import parse_json
@@ -38,6 +40,7 @@ from locate.recording.images import read_grey
 from locate.recording.index import KeyFrames
 from locate.recording.opening import open_recording
 from locate.recording.writer import create_video
+from locate.simulation.campaign import ThermalSite
 from locate.simulation.photo_set import PhotoSet
 from locate.survey.flights import read_config
 from locate.telemetry import read_telemetry
@@ -293,6 +296,15 @@ def test_a_campaign_with_a_wind_that_is_none_is_refused(tmp_path: Path, wind: fl
         ("points of a reconstruction", {"point_errors_px": np.array(["a"] * 5)}),
         ("shard", {"displacements": np.full((2, 8, 8, 2), "a")}),
         ("shard", {"displacements": np.full((2, 8, 8, 2), 1e300)}),
+        ("shard", {"displacements": np.ones((2, 8, 8, 2), bool)}),
+        ("truth of a frame", {"displacement": np.full((6, 8, 2), "1")}),
+        ("truth of a frame", {"displacement": np.ones((6, 8, 2), bool)}),
+        ("detection", {"llr": np.full((12, 16), "1")}),
+        ("detection", {"llr": np.ones((12, 16), bool)}),
+        ("points", {"points_in_world": np.full((3, 3), "1")}),
+        ("points", {"points_in_world": np.ones((3, 3), bool)}),
+        ("coverage", {"limit_px": np.ones((3, 4), bool)}),
+        ("training clip", {"amplitude_px": np.array("1")}),
         ("training clip", {"displacements": np.full((2, 8, 8, 2), "a")}),
     ],
 )
@@ -305,6 +317,33 @@ def test_arrays_of_another_kind_are_refused(
     save_arrays(tmp_path / reader.file, **read_npz(tmp_path / reader.file) | changed)
     with pytest.raises(BadInputError):
         reader.read(tmp_path / reader.file)
+
+
+@pytest.mark.parametrize("other", [True, "1"])
+def test_calibrations_of_truth_values_and_texts_are_refused(other: object) -> None:
+    response = {"ratios": [0.0, 1.0], "llr": [0.0, 1.0]}
+    scale = {"weights": [1.0, 0.5], "offset": -2.0, "prior": 0.1, "auroc": 0.9}
+    for name in response:
+        with pytest.raises(BadInputError, match=f"{name}: .* is no number"):
+            Response.from_plain(response | {name: [0.0, other]}, "a")
+    for changed in ({"weights": [1.0, other]}, {"prior": other}):
+        content = {"scores": ["logit", "excess"], "classes": {"smooth": scale | changed}}
+        with pytest.raises(BadInputError, match="not a calibration"):
+            Calibration.from_plain(content, "a")
+
+
+def test_names_in_settings_are_no_truth_values() -> None:
+    site = {"name": "a", "position": [0.0, 0.0, 0.0], "occurrence": {True: 0.5}}
+    with pytest.raises(ValidationError, match="no number"):
+        ThermalSite.model_validate(site)
+
+
+def test_half_an_index_is_refused(tmp_path: Path) -> None:
+    content = orbit(3).to_dict()
+    content["frames"][0]["index"] = 0.5
+    (tmp_path / "trajectory.json").write_text(json.dumps(content))
+    with pytest.raises(BadInputError, match=r"index: 0\.5 is no whole number"):
+        read_poses(tmp_path / "trajectory.json")
 
 
 def test_a_plume_axis_whose_square_overflows_is_refused(tmp_path: Path) -> None:

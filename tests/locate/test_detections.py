@@ -64,7 +64,7 @@ def test_a_broken_response_is_refused(tmp_path: Path) -> None:
         (None, "cannot be read"),
         ("[", "not JSON"),
         ("[]", "not an index of detections"),
-        ('{"indices": []}', "detector Field required"),
+        ('{"indices": []}', "detector: Field required"),
     ],
 )
 def test_a_damaged_index_is_named(tmp_path: Path, content: str | None, says: str) -> None:
