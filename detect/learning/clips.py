@@ -89,6 +89,18 @@ class TrainingClip:
             )
 
 
+def check_clip(path: Path) -> None:
+    """Checks that a training clip has all its arrays and is not cut short; they are not read.
+
+    Raises:
+        BadInputError: It is missing or broken.
+    """
+    with open_arrays(path, "a training clip") as file:
+        missing = {"inputs", "displacements", "surface", "amplitude_px"} - set(file.files)
+        if missing:
+            raise KeyError(min(missing))
+
+
 def clip_path(folder: Path, seed: int) -> Path:
     """The file of the clip of a seed."""
     return folder / f"lesson_{seed:06d}.npz"

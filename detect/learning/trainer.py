@@ -182,10 +182,18 @@ class TrainingRun:
     ) -> dict[str, SamplePool]:
         names = [*stage.pools, self.config.validation]
         kept = {name: loaded[name] for name in names if name in loaded}
-        return {
+        pools = {
             name: kept[name] if name in kept else SamplePool.load(self.config.pools[name])
             for name in names
         }
+        for name, pool in pools.items():
+            found, taken = pool.images.shape[-1], self.config.network.channels
+            if found != taken:
+                folder = self.config.pools[name].folder
+                raise BadInputError(
+                    f"{folder}: samples of {found} channels, the network has {taken}"
+                )
+        return pools
 
     def save(self, name: str) -> None:
         """Writes a checkpoint, whole or not at all."""

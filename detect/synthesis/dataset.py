@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detect.synthesis.recipe import FAMILIES, SAMPLE_FAMILIES, Recipe
-from detect.synthesis.sample import Sample, Sources, sample_at
+from detect.synthesis.sample import Sample, Sources, photos_of, sample_at
 from geometry.arrays import BoolArray
 from geometry.atomic import write_text_atomic
 from geometry.errors import BadInputError
@@ -179,7 +179,26 @@ def _claim_folder(folder: Path, recipe: Recipe, sources: Sources) -> None:
     if not (folder / INDEX_NAME).exists():
         write_index(folder, index)
     elif read_index(folder) != index:
-        raise BadInputError(f"{folder}: holds samples of another recipe, name a new folder")
+        raise _other_recipe(folder)
+
+
+def check_recipe(folder: Path, recipe: Recipe) -> None:
+    """Checks, before anything is rendered, what `render_dataset` needs beside simulated runs.
+
+    Args:
+        folder: For the samples; it need not be there.
+        recipe: What to render.
+
+    Raises:
+        BadInputError: The folder holds samples of another recipe, or photos are missing.
+    """
+    photos_of(recipe)
+    if (folder / INDEX_NAME).exists() and read_index(folder).get("recipe") != recipe.to_plain():
+        raise _other_recipe(folder)
+
+
+def _other_recipe(folder: Path) -> BadInputError:
+    return BadInputError(f"{folder}: holds samples of another recipe, name a new folder")
 
 
 def write_index(folder: Path, index: dict[str, Any]) -> None:

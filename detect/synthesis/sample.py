@@ -61,13 +61,19 @@ class Sources:
         Raises:
             BadInputError: A folder holds nothing for the recipe's split.
         """
-        photos: tuple[Path, ...] = ()
-        runs: tuple[Path, ...] = ()
-        if recipe.photos is not None and recipe.families.get("photo", 0) > 0:
-            photos = find_photos(recipe.photos, recipe.split)
-        if recipe.flows is not None:
-            runs = runs_in(recipe.flows, recipe.split)
-        return cls(photos=photos, runs=runs)
+        runs = () if recipe.flows is None else runs_in(recipe.flows, recipe.split)
+        return cls(photos=photos_of(recipe), runs=runs)
+
+
+def photos_of(recipe: Recipe) -> tuple[Path, ...]:
+    """The photos that a recipe may draw from; none where it makes no use of any.
+
+    Raises:
+        BadInputError: Its folder holds none of its split.
+    """
+    if recipe.photos is None or not recipe.families.get("photo"):
+        return ()
+    return find_photos(recipe.photos, recipe.split)
 
 
 def sample_at(index: int, recipe: Recipe, sources: Sources) -> Sample:

@@ -50,9 +50,9 @@ def bos(
     parse_reference(reference)
     flow_method(flow)  # an unknown one is named before the folder is made
     refused = 0
+    opened = [open_recording(path, max_side=ANY_SIDE) for path in recordings]
     with hold_output(output):
-        for path in recordings:
-            recording = open_recording(path, max_side=ANY_SIDE)
+        for path, recording in zip(recordings, opened, strict=True):
             known = parse_reference(reference, recording.stretch)
             named = resolve_path(path)
             name = named.stem if recording.is_video else named.name

@@ -43,13 +43,17 @@ def train(
     try:
         from detect.learning.export import export_training
         from detect.learning.plot import plot_training
-        from detect.learning.render import render_missing
+        from detect.learning.render import check_samples, render_missing
         from detect.learning.trainer import TrainingRun
     except ModuleNotFoundError as error:
         raise BadInputError("torch is missing; pip install 'plume-locate[train]'") from error
 
+    if data is not None and not data.is_dir():
+        raise BadInputError(f"{data}: no such folder; make it if its samples are to be rendered")
     with hold_output(output), progress_bars(err) as report:
         training = TrainingRun.begin(loaded, output)
+        check_samples(loaded, data or path.parent)
+        check_clips(loaded)
         render_missing(loaded, data or path.parent, report=report, processes=processes)
         measure_missing(loaded, report=report)
         render_missing_clips(loaded, report=report, processes=processes)
@@ -86,6 +90,38 @@ def measure_missing(config: "TrainConfig", *, report: Report) -> None:
                 report(f"measured: {name}", share)
 
 
+def check_clips(config: "TrainConfig") -> None:
+    """Checks, before anything is rendered, what clips that are missing are made of.
+
+    Raises:
+        BadInputError: Photos or their poses are missing, or the network does not take clips.
+    """
+    from detect.learning.clips import clip_path
+    from detect.registered.features import FEATURES
+    from locate.simulation.photo_set import PhotoSet
+
+    for name, pool in config.pools.items():
+        paths = [clip_path(pool.folder, seed) for seed in pool.all_seeds()]
+        if all(path.exists() for path in paths):
+            continue
+        if pool.photo_set is not None:
+            PhotoSet.load(pool.photo_set)
+        else:
+            _photos_of(name, pool, config)
+        if config.network.channels != len(FEATURES):
+            raise BadInputError(
+                f"network: channels is {config.network.channels}, clips have {len(FEATURES)}"
+            )
+
+
+def _photos_of(name: str, pool: "PoolConfig", config: "TrainConfig") -> tuple[Path, ...]:
+    """The photos that the clips of a pool are made of; none where they are not of photos."""
+    from detect.synthesis.raster import find_photos
+
+    split: Split = "validation" if name == config.validation else "train"
+    return () if pool.photos is None else find_photos(pool.photos, split)
+
+
 def render_missing_clips(config: "TrainConfig", *, report: Report, processes: int = 1) -> None:
     """Renders the clips of a training that are not there yet; some 20 s of CPU each.
 
@@ -93,15 +129,13 @@ def render_missing_clips(config: "TrainConfig", *, report: Report, processes: in
         BadInputError: There are no photos of the split where clips are made of photos.
     """
     from detect.learning.clips import clip_path
-    from detect.synthesis.raster import find_photos
 
     for name, pool in config.pools.items():
         seeds = [seed for seed in pool.all_seeds() if not clip_path(pool.folder, seed).exists()]
         if not seeds:
             continue
         pool.folder.mkdir(parents=True, exist_ok=True)
-        split: Split = "validation" if name == config.validation else "train"
-        photos = () if pool.photos is None else find_photos(pool.photos, split)
+        photos = _photos_of(name, pool, config)
         render = partial(_render_clip, pool, photos)
         with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as workers:
             for done, _ in enumerate(workers.map(render, seeds), 1):

@@ -14,6 +14,8 @@ from detect.evidence import LLR_MAX
 from geometry.atomic import atomic_path, is_unfinished, remove_unfinished, write_text_atomic
 from geometry.errors import BadInputError
 from geometry.lock import LOCK, hold_lock
+from geometry.named_poses import read_camera
+from geometry.pose_files import read_named_poses
 from geometry.removal import remove_inside
 from geometry.reports import Report, ignore_report
 from geometry.text_files import read_json
@@ -89,14 +91,18 @@ def detect_frames(
         BadInputError: Something given cannot be used, or OUTPUT holds something else.
     """
     recording = open_recording(path, max_side=ANY_SIDE)
+    named = None
+    if poses is not None:
+        size = (recording.width, recording.height)
+        named = read_named_poses(poses, None if camera is None else read_camera(camera, *size))
     with _claim_folder(output) as scratch:
         read_every = 1 if detector.uses_other_frames else every
         files = FrameFiles.of(recording, scratch, every=read_every)
         notes: tuple[str, ...] = ()
-        if poses is None:
+        if named is None:
             frames = files.frames()
         else:
-            files, frames, notes = files.with_poses(poses, camera)
+            files, frames, notes = files.with_poses(named)
         rows = range(0, len(frames), every // read_every)
         summaries = _detect_each(frames, rows, files, detector, output, threshold_nats, report)
     content = {

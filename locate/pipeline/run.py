@@ -117,6 +117,7 @@ class Run:
 
     def _choose_frames(self) -> KeyFrames:
         recording = self.source.open_frames()
+        self.source.check_given_files()
         self.folder.save_config(self.config.to_plain())
         at_rest = self._may_rest and self.folder.is_done(self._frame_stage(at_rest=True))
         key_frames = self._write_frames(recording, at_rest=at_rest)

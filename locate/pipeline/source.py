@@ -72,9 +72,19 @@ class RecordingSource:
         """Longest side of what is kept at full size, px; None where no detector makes use of it."""
         return self.config.amounts.max_side if self.config.detector in USE_FULL_SIZE else None
 
-    def known_camera(self, key_frames: KeyFrames) -> Camera | None:
-        """The camera of the key frames, where the user or the bag gave one."""
-        size = key_frames.width, key_frames.height
+    def check_given_files(self) -> None:
+        """Reads what the user gave of the camera, before the frames are read.
+
+        Raises:
+            BadInputError: A file cannot be read, or is for images of another aspect.
+        """
+        camera = self.known_camera(self.open_frames())
+        if self.config.poses is not None:
+            read_named_poses(self.config.poses, camera)
+
+    def known_camera(self, frames: KeyFrames | Recording) -> Camera | None:
+        """The camera of frames, where the user or the bag gave one."""
+        size = frames.width, frames.height
         if self.config.camera is not None:
             return read_camera(self.config.camera, *size)
         if self.bag is not None and self.bag.camera is not None:
@@ -94,9 +104,10 @@ class RecordingSource:
 
     def given_poses(self, key_frames: KeyFrames) -> NamedPoses | None:
         """The poses of the user's file or of the bag."""
+        camera = self.known_camera(key_frames)
         if self.config.poses is not None:
-            return read_named_poses(self.config.poses, self.known_camera(key_frames))
-        return None if self.bag is None else self.bag.poses(self.known_camera(key_frames))
+            return read_named_poses(self.config.poses, camera)
+        return None if self.bag is None else self.bag.poses(camera)
 
     @property
     def has_given_poses(self) -> bool:

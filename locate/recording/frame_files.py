@@ -9,8 +9,7 @@ import numpy as np
 
 from detect.detection import Frames
 from geometry.errors import BadInputError
-from geometry.named_poses import read_camera
-from geometry.pose_files import read_named_poses
+from geometry.named_poses import NamedPoses
 from geometry.printable import printable
 from geometry.sfm.given_poses import check_given_poses
 from geometry.stretch import Stretch
@@ -94,19 +93,17 @@ class FrameFiles:
         paths = [self.folder / name for name in self.names]
         return Frames(images=FrameImages(paths, stretch=self.stretch))
 
-    def with_poses(self, poses: Path, camera: Path | None) -> tuple[Self, Frames, tuple[str, ...]]:
+    def with_poses(self, poses: NamedPoses) -> tuple[Self, Frames, tuple[str, ...]]:
         """Those that have a pose, these undistorted, and what a reader should know of the poses.
 
         Args:
-            poses: A list of TUM, EuRoC or KITTI, COLMAP, transforms.json or trajectory.json.
-            camera: A JSON file with a camera; lists need one.
+            poses: Of frames of this recording.
 
         Raises:
-            BadInputError: A file cannot be read, fewer than two frames have a pose, a frame has
-                another size than the first, or the images contradict the poses.
+            BadInputError: Fewer than two frames have a pose, a frame has another size than the
+                first, or the images contradict the poses.
         """
-        known = None if camera is None else read_camera(camera, *self.size)
-        trajectory, rows = read_named_poses(poses, known).match_to_frames(
+        trajectory, rows = poses.match_to_frames(
             self.names, np.array(self.indices), np.array(self.times_s), size=self.size
         )
         left = self.select_rows(rows.tolist())
@@ -120,11 +117,12 @@ class FrameFiles:
         try:
             notes = check_given_poses(trajectory, images)
         except BadInputError as error:
-            raise BadInputError(f"{poses}: {error}") from error
+            raise BadInputError(f"{poses.path}: {error}") from error
         if len(rows) < len(self.names):
             lost = len(self.names) - len(rows)
+            where = poses.path.name
             notes = (
-                f"{lost} of {len(self.names)} frames have no pose in {poses.name} and are left out",
+                f"{lost} of {len(self.names)} frames have no pose in {where} and are left out",
                 *notes,
             )
         posed = PosedFrames(

@@ -451,6 +451,11 @@ def test_too_few_samples_are_refused(data: Path) -> None:
     assert len(SamplePool.load(PoolConfig(folder=data / "samples", samples=10))) == 10
 
 
+def test_samples_of_other_channels_are_refused(data: Path, tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"samples of 1 channels, .* is 3"):
+        train_network(config_of(data, network={"channels": 3}), tmp_path, report=quiet)
+
+
 def test_missing_samples_are_rendered_once(tmp_path: Path) -> None:
     (tmp_path / "recipe.yaml").write_text("families: {sinusoid: 1}\nsize_px: 32\n")
     pools = {"some": {"folder": "made", "samples": 3, "recipe": "recipe.yaml"}}

@@ -247,7 +247,7 @@ def test_a_video_of_more_pixels_than_cameras_have_is_refused(
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
     assert next(iter(open_recording(path).frames())).image.shape == (64, 64)
-    monkeypatch.setattr("locate.recording.video.MOST_PIXELS", 64 * 63)
+    monkeypatch.setattr("locate.recording.container.MOST_PIXELS", 64 * 63)
     with pytest.raises(BadInputError, match="megapixels"):
         open_recording(path)
 

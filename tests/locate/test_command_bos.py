@@ -104,6 +104,13 @@ def test_a_reference_that_is_neither_is_named(text: str) -> None:
         parse_reference(text)
 
 
+def test_a_missing_recording_is_named_before_another_is_measured(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="nowhere"):
+        run(photos(tmp_path / "wall"), tmp_path / "nowhere", "-o", tmp_path / "data",
+            "--reference", f"first:{STILL}", "--size", 96)  # fmt: skip
+    assert not (tmp_path / "data").exists()
+
+
 def test_an_unknown_flow_is_named_before_anything_is_read(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="flow method 'spynet' is unknown"):
         run(photos(tmp_path / "wall"), "-o", tmp_path / "data", "--flow", "spynet",

@@ -74,6 +74,18 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if path.name != ".lock")
 
 
+@pytest.mark.parametrize("given", ["camera", "poses"])
+def test_poses_that_are_none_are_named_before_frames_are_read(
+    video: Path, tmp_path: Path, given: str
+) -> None:
+    files = {"poses": tmp_path / "a.json", given: tmp_path / "b.json"}
+    for path in files.values():
+        path.write_text("{}")
+    with pytest.raises(BadInputError, match=r"b\.json"):
+        detect_frames(video, tmp_path / "out", Blob(), **files)
+    assert not (tmp_path / "out").exists()
+
+
 def test_folder_gives_every_file(photos: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     seen = detect_frames(photos, output, Blob())

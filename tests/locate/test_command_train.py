@@ -4,14 +4,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from detect.kinds import DYBS
-from detect.learning.clips import clip_path
+from detect.learning.clips import TrainingClip, clip_path
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
 from detect.registered.features import FEATURES, Feature
+from detect.synthesis.dataset import render_dataset
+from detect.synthesis.recipe import Recipe
 from detect.synthesis.split import split_of_photo
 from geometry.errors import BadInputError
 from locate import cli
@@ -142,6 +145,76 @@ def test_a_broken_network_to_begin_with_is_told_before_anything_is_rendered(
     assert ended.value.code == 2
     assert said in " ".join(capsys.readouterr().err.splitlines())
     assert not (tmp_path / "plants").exists()
+
+
+CLIPS = {"folder": "clips", "seeds": [[0, 2]]}
+RECIPE = {"folder": "samples", "samples": 3, "recipe": "recipe.yaml"}
+
+
+@pytest.mark.parametrize(
+    ("pool", "said"),
+    [
+        ({**CLIPS, "photos": "photos"}, "photos: no photos for the train split"),
+        ({**CLIPS, "photo_set": "set"}, "set: not a folder of posed photos"),
+        (CLIPS, "network: channels is 1, clips have 13"),
+        ({"folder": "cut"}, "lesson_000001.npz: not a training clip"),
+        (RECIPE, "photos: no photos for the train split"),
+        ({**RECIPE, "folder": "other"}, "other: holds samples of another recipe"),
+        ({**RECIPE, "recipe": "gone.yaml"}, "gone.yaml"),
+        ({**RECIPE, "folder": "broken"}, "shard_00000.npz: not a shard of samples"),
+        ({"folder": "nowhere", "samples": 3}, "nowhere: 0 of 3 samples"),
+        ({"folder": "measured", "measured": "nowhere"}, "nowhere: 0 of 1 samples"),
+    ],
+)
+def test_what_is_missing_or_broken_is_told_before_anything_is_rendered(
+    tmp_path: Path,
+    pool: dict[str, object],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in ("cut", "broken", "other"):
+        (tmp_path / name).mkdir()
+    clip = np.zeros((1, 13, 8, 8), np.float16)
+    TrainingClip(
+        inputs=clip, displacements=np.zeros((1, 8, 8, 2), np.float16), surface=clip[:, 0] == 0,
+        amplitude_px=0.0,
+    ).save(clip_path(tmp_path / "cut", 1))  # fmt: skip
+    cut = clip_path(tmp_path / "cut", 1)
+    cut.write_bytes(cut.read_bytes()[:-40])
+    (tmp_path / "broken" / "shard_00000.npz").write_text("no shard")
+    (tmp_path / "recipe.yaml").write_text("families: {photo: 1}\nphotos: photos\n")
+    (tmp_path / "first.yaml").write_text("families: {sinusoid: 1}\nsize_px: 32\n")
+    if pool["folder"] == "other":
+        (tmp_path / "recipe.yaml").write_text("families: {lines: 1}\nsize_px: 32\n")
+        render_dataset(Recipe.load(tmp_path / "first.yaml"), 1, tmp_path / "other")
+    first = {"folder": "first", "samples": 1, "recipe": "first.yaml"}
+    stage = {"name": "one", "pools": {"b": 1}, "steps": 1, "learning_rate": [1e-3, 1e-3]}
+    pools = {"a": first, "b": pool}
+    content = {"name": "a", "pools": pools, "validation": "a", "stages": [stage]}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+    monkeypatch.setattr(
+        sys, "argv", ["locate", "train", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out")]
+    )
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "first").exists()
+
+
+def test_a_place_of_data_that_is_none_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nowhere = str(tmp_path / "nowhere")
+    monkeypatch.setattr(
+        sys, "argv", ["locate", "train", "lite", "-o", str(tmp_path / "out"), "--data", nowhere]
+    )
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert f"{nowhere}: no such folder" in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
 
 
 class _Here:

@@ -292,6 +292,20 @@ def test_telemetry_that_is_none_is_refused_before_any_work(tmp_path: Path) -> No
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("given", ["camera", "poses"])
+@pytest.mark.parametrize("content", [None, "{}"])
+def test_a_camera_or_poses_that_are_none_are_refused_before_frames_are_read(
+    tmp_path: Path, given: str, content: str | None
+) -> None:
+    path = tmp_path / "given.json"
+    if content is not None:
+        path.write_text(content)
+    run = Run(RunConfig.of({"recording": SAMPLE_VIDEO, given: path}), tmp_path / "out")
+    with pytest.raises(BadInputError, match=r"given\.json"):
+        run.run()
+    assert not run.files.frames.exists()
+
+
 @pytest.mark.parametrize("known", ["camera", "poses"])
 def test_a_lens_is_not_estimated_where_the_camera_is_known(tmp_path: Path, known: str) -> None:
     path = tmp_path / "camera.json"
