@@ -71,11 +71,17 @@ class RegistrationError(LocateError):
         return type(self), (self.failure, self._message)
 
 
-def first_complaint(error: "ValidationError") -> tuple[str, str]:
-    """Place of the first error in settings, as names joined by dots, and its text."""
+def first_complaint(error: "ValidationError", kind: str = "") -> str:
+    """The first error in settings: its place, as names joined by dots, and what is wrong there.
+
+    Args:
+        error: Of pydantic.
+        kind: Said before the place, such as "setting".
+    """
     first = error.errors()[0]
     what = str(first["msg"]).removeprefix("Value error, ")
-    return ".".join(str(part) for part in first["loc"]), what
+    place = ".".join(str(part) for part in first["loc"])
+    return f"{kind} {place}: {what}".lstrip() if place else what
 
 
 def short_reason(error: Exception) -> str:

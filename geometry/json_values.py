@@ -74,4 +74,4 @@ def check_fields(kind: type[Checked], content: Any) -> Checked:
     try:
         return TypeAdapter(kind).validate_json(json.dumps(content), strict=True)
     except ValidationError as error:
-        raise ValueError(": ".join(filter(None, first_complaint(error)))) from error
+        raise ValueError(first_complaint(error)) from error

@@ -248,8 +248,7 @@ class TrainConfig(_TrainingSettings):
         try:
             config = cls.model_validate(content)
         except ValidationError as error:
-            place, what = first_complaint(error)
-            raise BadInputError(f"{path}: {place} {what}".rstrip()) from error
+            raise BadInputError(f"{path}: {first_complaint(error)}") from error
         return config._resolve_paths(path.parent if data is None else data, path.parent)
 
     def _resolve_paths(self, data: Path, here: Path) -> Self:

@@ -108,8 +108,7 @@ class Recipe(PlainSettings):
         try:
             return cls.model_validate(content)
         except ValidationError as error:
-            message = " ".join(part for part in first_complaint(error) if part)
-            raise BadInputError(f"{where}: {message}") from error
+            raise BadInputError(f"{where}: {first_complaint(error)}") from error
 
     @classmethod
     def load(cls, path: Path, data: Path | None = None) -> Self:

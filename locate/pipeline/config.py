@@ -117,9 +117,7 @@ class RunConfig(PlainSettings):
         try:
             return cls.model_validate(dict(settings))
         except ValidationError as error:
-            name, what = first_complaint(error)
-            said = f"setting {name}: {what}" if name else what
-            raise BadInputError(f"{where}{said}") from error
+            raise BadInputError(f"{where}{first_complaint(error, 'setting')}") from error
 
     def to_plain(self) -> dict[str, Any]:
         """The settings as JSON and YAML know them."""

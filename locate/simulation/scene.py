@@ -44,8 +44,7 @@ class SceneFile(SceneBlock):
         try:
             return cls.model_validate(content)
         except ValidationError as error:
-            field, what = first_complaint(error)
-            raise BadInputError(f"{path}: field {field or 'scene'}: {what}") from error
+            raise BadInputError(f"{path}: {first_complaint(error, 'field')}") from error
 
     def save(self, path: FilePath) -> None:
         """Writes a YAML file that `load` reads back."""
