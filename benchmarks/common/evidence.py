@@ -159,6 +159,28 @@ def make_faulty_views(
     )
 
 
+def add_plume(
+    views: Views, truth: ColumnTruth, trajectory: Trajectory, rng: np.random.Generator
+) -> Views:
+    """The views with one plume more, before those that they show.
+
+    Args:
+        views: Of `make_faulty_views`.
+        truth: The plume; some views miss it.
+        trajectory: The true one.
+        rng: Of its faults and its shape.
+    """
+    one_fault = EvidenceFaults(flipped_pixels=0, false_blobs=0)
+    other = make_faulty_views(truth, trajectory, rng, one_fault)
+    llr = np.where(other.llr > 0, other.llr, views.llr)
+    return replace(
+        views,
+        llr=llr,
+        displacement=views.displacement + other.displacement,
+        correlation_px2=correlation_area(llr),
+    )
+
+
 def _perturb_poses(
     trajectory: Trajectory, rng: np.random.Generator, corruption: EvidenceFaults
 ) -> Trajectory:

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.common.evidence import (
     RANGE_M,
     ColumnTruth,
-    EvidenceFaults,
+    add_plume,
     make_faulty_views,
     orbit_trajectory,
     random_column,
@@ -26,7 +26,7 @@ from benchmarks.common.evidence import (
 from geometry.errors import BadInputError
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
-from locate.fusion.views import Views, correlation_area
+from locate.fusion.views import Views
 
 
 def fuse_draw(
@@ -68,16 +68,7 @@ def resolves_pair(seed: int, arc_deg: float, count: int, gap_m: float) -> bool:
     second = replace(first, source=first.source + shift)
     trajectory = orbit_trajectory(count, arc_deg)
     views = make_faulty_views(first, trajectory, rng)
-    other = make_faulty_views(
-        second, trajectory, rng, EvidenceFaults(flipped_pixels=0, false_blobs=0)
-    )
-    llr = np.where(other.llr > 0, other.llr, views.llr)
-    both = replace(
-        views,
-        llr=llr,
-        displacement=views.displacement + other.displacement,
-        correlation_px2=correlation_area(llr),
-    )
+    both = add_plume(views, second, trajectory, rng)
     sources = [plume.source for plume in fuse(both).plumes]
     return all(
         any(np.linalg.norm(source - truth.source) < gap_m / 2 for source in sources)
