@@ -21,7 +21,7 @@ from detect.flow import Flow, flow_method
 from detect.pair_writer import PairWriter, crop_corners, pairs_index, remove_recording
 from detect.synthesis.split import Split, split_of_name
 from geometry.arrays import GreyImage
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, UnwritableError
 
 SCHEMA = "locate.recording/1"
 PEAK_PERCENTILE = 99.9
@@ -205,4 +205,4 @@ def _write_report(
         (folder / f"{pairs.name}.png").write_bytes(png.tobytes())
         (folder / f"{pairs.name}.json").write_text(json.dumps(content, indent=1))
     except OSError as error:
-        raise BadInputError(f"{folder}: cannot be written ({error})") from error
+        raise UnwritableError.of(folder, error) from error

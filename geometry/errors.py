@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from geometry.printable import printable
 
@@ -17,6 +17,7 @@ LONGEST = 1000
 LONGEST_REASON = 120
 """Characters of what a library says; the rest is rarely of use."""
 INTERRUPTED = "interrupted; the same command goes on from here"
+KEPT = "what was finished before is kept"
 
 
 class LocateError(Exception):
@@ -42,6 +43,15 @@ class BadInputError(LocateError):
     """An input that cannot be used: missing, unreadable, or not what it claims to be."""
 
     exit_code = 2
+
+
+class UnwritableError(BadInputError):
+    """A file that cannot be written; the disk may be full."""
+
+    @classmethod
+    def of(cls, path: Path, error: Exception) -> Self:
+        """By what the system, or a library, says of it."""
+        return cls(f"{path}: cannot be written ({getattr(error, 'strerror', None) or error})")
 
 
 class RegistrationFailure(Enum):

@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.arrays import GreyImage
 from geometry.decoded_size import takes_too_much
-from geometry.errors import BadInputError, describe_error
+from geometry.errors import BadInputError, UnwritableError
 from geometry.regular_files import read_content
 
 
@@ -50,5 +50,6 @@ def write_image(path: Path, image: np.ndarray, options: Sequence[int] = ()) -> N
         _, content = cv2.imencode(path.suffix, image, options)
         path.write_bytes(content.tobytes())
     except (OSError, cv2.error) as error:
-        reason = describe_error(error) if isinstance(error, OSError) else "unknown image format"
-        raise BadInputError(f"{path}: cannot be written ({reason})") from error
+        if isinstance(error, OSError):
+            raise UnwritableError.of(path, error) from error
+        raise BadInputError(f"{path}: cannot be written (unknown image format)") from error

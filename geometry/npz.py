@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from geometry.arrays import FloatMap
 from geometry.atomic import atomic_path
-from geometry.errors import BadInputError, short_reason
+from geometry.errors import BadInputError, UnwritableError, short_reason
 from geometry.regular_files import open_regular
 
 BROKEN = (
@@ -43,13 +43,13 @@ def save_arrays(
         arrays: By name.
 
     Raises:
-        BadInputError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     try:
         with atomic_path(path) as unfinished, unfinished.open("wb") as file:
             write(file, allow_pickle=False, **arrays)
     except OSError as error:
-        raise BadInputError(f"{path}: cannot be written ({error})") from error
+        raise UnwritableError.of(path, error) from error
 
 
 def as_float32(array: np.ndarray[Any, Any]) -> FloatMap:

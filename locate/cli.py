@@ -7,7 +7,7 @@ import sys
 from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any
 
-from geometry.errors import INTERRUPTED, InterruptedRunError, LocateError, describe_error
+from geometry.errors import INTERRUPTED, KEPT, InterruptedRunError, LocateError, describe_error
 from geometry.memory import keep_freed_memory
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def main() -> None:
     except LocateError as error:
         _fail(str(error), error.exit_code)
     except (OSError, MemoryError, sqlite3.OperationalError) as error:
-        _fail(f"{describe_error(error)}; what was finished before is kept", 2)
+        _fail(f"{describe_error(error)}; {KEPT}", 2)
 
 
 def __getattr__(name: str) -> Any:

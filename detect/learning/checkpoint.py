@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,9 @@ import torch
 from torch import nn
 
 from geometry.atomic import atomic_path, write_text_atomic
-from geometry.errors import BadInputError, short_reason
+from geometry.errors import BadInputError, UnwritableError, short_reason
 from geometry.json_text import parse_json
+from geometry.json_values import as_whole_number
 from geometry.regular_files import append_regular, open_regular
 from geometry.text_files import read_text
 
@@ -24,13 +26,15 @@ def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
     """Writes tensors and plain values under a temporary name, then renames it.
 
     Raises:
-        BadInputError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
+    buffer = BytesIO()  # torch itself does not say why it cannot write
+    torch.save({"schema": SCHEMA, **content}, buffer)
     try:
         with atomic_path(path) as unfinished:
-            torch.save({"schema": SCHEMA, **content}, unfinished)
-    except (OSError, RuntimeError) as error:
-        raise BadInputError(f"{path}: cannot be written ({error})") from error
+            unfinished.write_bytes(buffer.getbuffer())
+    except OSError as error:
+        raise UnwritableError.of(path, error) from error
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -66,24 +70,40 @@ def load_weights(network: nn.Module, content: Mapping[str, Any], path: Path) -> 
 
 
 def append_to_journal(folder: Path, line: Mapping[str, Any]) -> None:
-    """Adds a line to the journal of a training."""
-    with append_regular(folder / JOURNAL) as file:
-        file.write(json.dumps(line) + "\n")
+    """Adds a line to the journal of a training.
+
+    Raises:
+        UnwritableError: It cannot be added; a part of it may stand there.
+    """
+    try:
+        with append_regular(folder / JOURNAL) as file:
+            file.write(json.dumps(line) + "\n")
+    except OSError as error:
+        raise UnwritableError.of(folder / JOURNAL, error) from error
 
 
 def read_journal(folder: Path) -> list[dict[str, Any]]:
-    """The lines of a training's journal; a torn last line is left out."""
+    """The lines of a training's journal, up to one that is torn."""
     lines = []
     for text in read_text(folder / JOURNAL).splitlines():
         try:
-            lines.append(parse_json(text))
-        except ValueError:
+            line = parse_json(text)
+            as_whole_number(line["step"], "step")
+        except (LookupError, TypeError, ValueError):
             break
+        lines.append(line)
     return lines
 
 
 def rewind_journal(folder: Path, step: int) -> None:
-    """Forgets what was noted after a step: it will be noted again."""
+    """Forgets what was noted after a step: it will be noted again.
+
+    Raises:
+        UnwritableError: The journal cannot be written.
+    """
     if (folder / JOURNAL).exists():
         kept = [line for line in read_journal(folder) if line["step"] <= step]
-        write_text_atomic(folder / JOURNAL, "".join(json.dumps(line) + "\n" for line in kept))
+        try:
+            write_text_atomic(folder / JOURNAL, "".join(json.dumps(line) + "\n" for line in kept))
+        except OSError as error:
+            raise UnwritableError.of(folder / JOURNAL, error) from error

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, cast
 
 import numpy as np
@@ -21,11 +22,15 @@ from detect.learning.networks import PaperUNet, PlumeNet, build_network
 from detect.learning.pools import SamplePool, as_input
 from detect.learning.trainer import BEST, LAST
 from geometry.atomic import atomic_path
-from geometry.errors import BadInputError
+from geometry.disk_space import check_space
+from geometry.errors import UnwritableError
 
 SCHEMA = "locate.network/1"
 OPSET = 20
 MOST_STRIDES = 1 << 12
+SPACE_TO_QUANTISE = 4
+"""Bytes that onnxruntime writes on the way, over those of the network; it does not see that the
+disk is full, and then reads half a file."""
 SOME, CALIBRATION_SAMPLES, CALIBRATION_BATCH = 1024, 128, 8
 
 
@@ -116,29 +121,37 @@ def quantise_network(path: Path, int8: Path, pool: SamplePool) -> Path:
         path: The fp32 .onnx file.
         int8: The file to write.
         pool: Training samples.
+
+    Raises:
+        UnwritableError: The file cannot be written, or files on the way to it.
     """
-    prepared = int8.with_suffix(".prepared")
-    quantised = int8.with_suffix(".quantised")
     try:
-        quant_pre_process(path, prepared, skip_symbolic_shape=True)
-        quantize_static(
-            prepared,
-            quantised,
-            _CalibrationSamples(pool),
-            quant_format=QuantFormat.QDQ,
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-            per_channel=True,
-            op_types_to_quantize=["Conv", "Relu", "Add", "Resize"],
-            nodes_to_exclude=_fp32_nodes(onnx.load(prepared)),
-        )
-        props = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
-        model = onnx.load(quantised)
-        onnx.helper.set_model_props(model, props | {"name": f"{props['name']}-int8"})
-        return _write_model(model, int8)
-    finally:
-        prepared.unlink(missing_ok=True)
-        quantised.unlink(missing_ok=True)
+        with TemporaryDirectory() as workshop:
+            check_space(Path(workshop), SPACE_TO_QUANTISE * path.stat().st_size)
+            model = _quantised_model(path, pool, Path(workshop))
+    except OSError as error:
+        raise UnwritableError.of(Path(error.filename or int8), error) from error
+    return _write_model(model, int8)
+
+
+def _quantised_model(path: Path, pool: SamplePool, workshop: Path) -> onnx.ModelProto:
+    prepared, quantised = workshop / "prepared.onnx", workshop / "quantised.onnx"
+    quant_pre_process(path, prepared, skip_symbolic_shape=True)
+    quantize_static(
+        prepared,
+        quantised,
+        _CalibrationSamples(pool),
+        quant_format=QuantFormat.QDQ,
+        activation_type=QuantType.QUInt8,
+        weight_type=QuantType.QInt8,
+        per_channel=True,
+        op_types_to_quantize=["Conv", "Relu", "Add", "Resize"],
+        nodes_to_exclude=_fp32_nodes(onnx.load(prepared)),
+    )
+    props = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
+    model = onnx.load(quantised)
+    onnx.helper.set_model_props(model, props | {"name": f"{props['name']}-int8"})
+    return model
 
 
 def _fp32_nodes(model: onnx.ModelProto) -> list[str]:
@@ -217,5 +230,5 @@ def _write_model(model: onnx.ModelProto, path: Path) -> Path:
         with atomic_path(path) as unfinished:
             unfinished.write_bytes(model.SerializeToString())
     except OSError as error:
-        raise BadInputError(f"{path}: cannot be written ({error})") from error
+        raise UnwritableError.of(path, error) from error
     return path

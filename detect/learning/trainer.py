@@ -28,7 +28,7 @@ from detect.learning.pools import SamplePool
 from detect.learning.reread import read_network, revive_norms
 from detect.learning.validation import ValidationScore, validate_network
 from geometry.atomic import write_text_atomic
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, UnwritableError
 from geometry.reports import Report
 
 LAST, BEST, BEFORE, CONFIG = "last.pt", "best.pt", "before.pt", "config.json"
@@ -131,7 +131,7 @@ class TrainingRun:
                 training._resume_from(folder / LAST)
             write_text_atomic(folder / CONFIG, json.dumps(config.to_plain(), indent=1))
         except OSError as error:
-            raise BadInputError(f"{folder}: cannot be written ({error})") from error
+            raise UnwritableError.of(folder, error) from error
         rewind_journal(folder, training.step)
         return training
 

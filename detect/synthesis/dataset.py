@@ -17,7 +17,7 @@ from detect.synthesis.recipe import FAMILIES, SAMPLE_FAMILIES, Recipe
 from detect.synthesis.sample import Sample, Sources, photos_of, sample_at
 from geometry.arrays import BoolArray
 from geometry.atomic import write_text_atomic
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, UnwritableError
 from geometry.npz import as_float32, check_numbers, open_arrays, save_arrays
 from geometry.text_files import read_json
 
@@ -212,7 +212,7 @@ def write_index(folder: Path, index: dict[str, Any]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         write_text_atomic(path, json.dumps(index, indent=1))
     except OSError as error:
-        raise BadInputError(f"{folder}: cannot be written ({error})") from error
+        raise UnwritableError.of(folder, error) from error
 
 
 def read_index(folder: Path) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """`locate train`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import detect
-from geometry.errors import BadInputError
+from geometry.errors import KEPT, BadInputError, UnwritableError
 from geometry.lock import hold_output
 from geometry.reports import Report
 from locate.commands.console import Output, err, out
@@ -50,7 +51,7 @@ def train(
 
     if data is not None and not data.is_dir():
         raise BadInputError(f"{data}: no such folder; make it if its samples are to be rendered")
-    with hold_output(output), progress_bars(err) as report:
+    with _saying_what_is_kept(), hold_output(output), progress_bars(err) as report:
         training = TrainingRun.begin(loaded, output)
         check_samples(loaded, data or path.parent)
         check_clips(loaded)
@@ -61,6 +62,14 @@ def train(
         files = [*export_training(loaded, output), plot_training(output, output / "training.png")]
     for file in files:
         out.print(f"Wrote {file}", soft_wrap=True)
+
+
+@contextmanager
+def _saying_what_is_kept() -> Iterator[None]:
+    try:
+        yield
+    except UnwritableError as error:
+        raise UnwritableError(f"{error}; {KEPT}, the same command goes on from there") from error
 
 
 def config_path(config: Path) -> Path:

@@ -9,7 +9,7 @@ import cv2
 
 from geometry.arrays import GreyImage
 from geometry.atomic import atomic_path
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, UnwritableError
 
 PAPERS_MM = {
     "A4": (210.0, 297.0),
@@ -144,4 +144,4 @@ def write_sheet(
         with atomic_path(path) as unfinished:
             unfinished.write_bytes(content)
     except OSError as error:
-        raise BadInputError(f"{path}: cannot be written ({error})") from error
+        raise UnwritableError.of(path, error) from error

@@ -17,7 +17,7 @@ import cv2
 
 from detect.learning.clips import Leaks, TrainingClip, clip_path
 from detect.synthesis.raster import find_photos
-from geometry.errors import LocateError
+from geometry.errors import LocateError, UnwritableError
 from geometry.regular_files import append_regular
 from locate.simulation.clips import draw_clip_scene, make_photo_clip
 from locate.simulation.nuisances import draw_nuisances
@@ -83,8 +83,12 @@ def save_clip(clip: TrainingClip, folder: Path, seed: int, about: dict[str, obje
     folder.mkdir(parents=True, exist_ok=True)
     clip.save(clip_path(folder, seed))
     line = {"seed": seed, "amplitude_px": clip.amplitude_px, "frames": len(clip), **about}
-    with append_regular(folder / "lessons.jsonl") as journal:
-        journal.write(json.dumps(line) + "\n")
+    path = folder / "lessons.jsonl"
+    try:
+        with append_regular(path) as journal:
+            journal.write(json.dumps(line) + "\n")
+    except OSError as error:
+        raise UnwritableError.of(path, error) from error
 
 
 def main() -> None:

@@ -2,9 +2,12 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -23,7 +26,12 @@ from detect.learning.augmentation import apply_symmetry
 from detect.learning.batches import StageBatches
 from detect.learning.checkpoint import load_weights, read_checkpoint, read_journal
 from detect.learning.config import NetworkConfig, PoolConfig, TrainConfig
-from detect.learning.export import export_training, write_metadata
+from detect.learning.export import (
+    export_checkpoint,
+    export_training,
+    quantise_network,
+    write_metadata,
+)
 from detect.learning.networks import PaperUNet, PlumeNet, Prediction, build_network
 from detect.learning.plot import plot_training
 from detect.learning.pools import SamplePool
@@ -31,7 +39,8 @@ from detect.learning.render import render_missing
 from detect.learning.trainer import LAST, train_network
 from detect.learning.validation import validate_network
 from detect.synthesis import Recipe, render_dataset
-from geometry.errors import BadInputError
+from geometry.atomic import is_unfinished
+from geometry.errors import BadInputError, UnwritableError
 
 SAMPLES, SIDE = 24, 32
 LIMITS_PX = torch.tensor([[0.06, 0.02]])
@@ -115,6 +124,80 @@ def test_a_killed_training_goes_on_to_the_same_weights(
     for name, weights in theirs["network"].items():
         assert torch.equal(ours["network"][name], weights), name
     assert _steps(tmp_path) == _steps(trained)
+
+
+@pytest.fixture
+def fill_disk() -> Iterator[Callable[[int], None]]:
+    """Lets this process write files of so many bytes at most, as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "changes"),
+    [
+        ("journal.jsonl", 100, {}),
+        ("best.pt", 10_000, {}),
+        ("last.pt", 10_000, {"validate_every": 12}),
+    ],
+)
+def test_a_training_outlives_a_full_disk(
+    data: Path,
+    trained: Path,
+    tmp_path: Path,
+    fill_disk: Callable[[int], None],
+    name: str,
+    size: int,
+    changes: dict[str, object],
+) -> None:
+    def report(_stage: str, share: float) -> None:
+        if share == 5 / 8:
+            fill_disk(size)
+
+    config = config_of(data, **changes)
+    with pytest.raises(UnwritableError, match=rf"{name}: cannot be written \(File too large\)"):
+        train_network(config, tmp_path, report=report)
+    assert read_checkpoint(tmp_path / LAST)["step"] == 3
+    assert not [path for path in tmp_path.iterdir() if is_unfinished(path)]
+    fill_disk(resource.RLIM_INFINITY)
+    train_network(config, tmp_path, report=quiet)
+    ours, theirs = (read_checkpoint(run / LAST) for run in (tmp_path, trained))
+    assert ours["step"] == theirs["step"]
+    for key, weights in theirs["network"].items():
+        assert torch.equal(ours["network"][key], weights), key
+    if not changes:
+        assert _steps(tmp_path) == _steps(trained)
+
+
+def test_samples_and_networks_outlive_a_full_disk(
+    data: Path, trained: Path, tmp_path: Path, fill_disk: Callable[[int], None]
+) -> None:
+    (tmp_path / "recipe.yaml").write_text("families: {sinusoid: 1}\nsize_px: 32\n")
+    pools = {"some": {"folder": "made", "samples": 3, "recipe": "recipe.yaml"}}
+    making = config_of(tmp_path, pools=pools)
+    network = tmp_path / "last.onnx"
+    write = partial(export_checkpoint, config_of(data), trained / LAST, network)
+    fill_disk(2000)
+    with pytest.raises(UnwritableError, match=r"shard_00000\.npz: cannot be written"):
+        render_missing(making, tmp_path, report=quiet)
+    with pytest.raises(UnwritableError, match=r"last\.onnx: cannot be written"):
+        write()
+    assert not [path for path in tmp_path.rglob("*") if is_unfinished(path) or path == network]
+    fill_disk(resource.RLIM_INFINITY)
+    render_missing(making, tmp_path, report=quiet)
+    assert len(SamplePool.load(making.pools["some"])) == 3
+    assert write().exists()
+    fill_disk(2000)
+    with pytest.raises(UnwritableError, match="MiB are needed"):
+        quantise_network(network, tmp_path / "int8.onnx", SamplePool.load(making.pools["some"]))
+    assert not (tmp_path / "int8.onnx").exists()
+
+
+def test_a_journal_is_read_up_to_what_is_no_line_of_it(tmp_path: Path) -> None:
+    for torn in ('{"step": 4, "ki', "[]", '{"kind": "train"}', '{"step": "4"}'):
+        (tmp_path / "journal.jsonl").write_text('{"step": 2}\n' + torn + '\n{"step": 6}\n')
+        assert read_journal(tmp_path) == [{"step": 2}]
 
 
 def _steps(folder: Path) -> list[tuple[str, int]]:

@@ -1,5 +1,7 @@
 """`locate train`: shipped trainings by name, and clips that are not there yet."""
 
+import errno
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 import yaml
 
 from detect.kinds import DYBS
+from detect.learning import render
 from detect.learning.clips import TrainingClip, clip_path
 from detect.learning.config import PoolConfig, TrainConfig
 from detect.network import Network
@@ -16,7 +19,7 @@ from detect.registered.features import FEATURES, Feature
 from detect.synthesis.dataset import render_dataset
 from detect.synthesis.recipe import Recipe
 from detect.synthesis.split import split_of_photo
-from geometry.errors import BadInputError
+from geometry.errors import BadInputError, UnwritableError
 from locate import cli
 from locate.commands import train
 from locate.commands.train import config_path, render_missing_clips
@@ -201,6 +204,31 @@ def test_what_is_missing_or_broken_is_told_before_anything_is_rendered(
     assert ended.value.code == 2
     assert said in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "first").exists()
+
+
+def test_a_full_disk_is_one_line_with_what_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fill(*_: object, **__: object) -> None:
+        full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise UnwritableError.of(tmp_path / "a.npz", full)
+
+    (tmp_path / "first.yaml").write_text("families: {sinusoid: 1}\nsize_px: 32\n")
+    stage = {"name": "one", "pools": {"a": 1}, "steps": 1, "learning_rate": [1e-3, 1e-3]}
+    pools = {"a": {"folder": "first", "samples": 1, "recipe": "first.yaml"}}
+    content = {"name": "a", "pools": pools, "validation": "a", "stages": [stage]}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+    monkeypatch.setattr(render, "render_missing", fill)
+    monkeypatch.setattr(
+        sys, "argv", ["locate", "train", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out")]
+    )
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"locate: {tmp_path / 'a.npz'}: cannot be written (No space left on device); what was "
+        "finished before is kept, the same command goes on from there"
+    ]
 
 
 def test_a_place_of_data_that_is_none_is_told(
