@@ -48,13 +48,14 @@ def normalising_transform(
         view_distance: Median distance from the cameras to the points they see, world units.
 
     Returns:
-        The transform, and what up was taken from: ``"plane"`` or ``"camera"``.
+        The transform, and what up was taken from: ``"plane"``, ``"level"`` for cameras that turn
+        without rolling, or ``"camera"`` for their mean axis.
     """
     camera_up = -trajectory.rotations[:, 1, :].mean(axis=0)
     camera_up /= max(float(np.linalg.norm(camera_up)), 1e-9)
     forward = trajectory.rotations[:, 2, :].mean(axis=0)
     level = _level_up(trajectory, camera_up)
-    up, source = camera_up if level is None else level, "camera"
+    up, source = (camera_up, "camera") if level is None else (level, "level")
     tolerance = PLANE_TOLERANCE * view_distance
     tilt_deg = MAX_TILT_DEG if level is None else MAX_SLOPE_DEG
     ground, ground_share = dominant_plane(points_in_world, tolerance, near=up, tilt_deg=tilt_deg)

@@ -45,6 +45,11 @@ class RunFiles:
         return self.sfm / "trajectory.json"
 
     @property
+    def sfm_report(self) -> Path:
+        """Figures of the reconstruction; missing where the poses were given."""
+        return self.sfm / "report.json"
+
+    @property
     def sfm_points(self) -> Path:
         """The sparse points as they were reconstructed."""
         return self.sfm / "points.npz"

@@ -18,10 +18,11 @@ from geometry.trajectory import Trajectory
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
 from locate.pipeline.known_lengths import KnownLengths
+from locate.pipeline.map_notes import guessed_up_note
 from locate.pipeline.place_by_track import place_by_track
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points, save_points
-from locate.pipeline.poses import load_pose_notes, names_of
+from locate.pipeline.poses import load_pose_notes, load_up_source, names_of
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.telemetry import (
@@ -67,10 +68,12 @@ def place_run(
         lengths=lengths.constrain_scale(trajectory, files.frames, names),
         photos=recording if recording.is_dir() else recording.parent,
     )
-    notes = (*placement.notes, *load_pose_notes(files), *lengths.describe_unused(names))
+    placed = placement.apply(trajectory)
+    up_notes = () if placed.gravity else (guessed_up_note(load_up_source(files)),)
+    notes = (*placement.notes, *up_notes, *load_pose_notes(files), *lengths.describe_unused(names))
     placement = replace(placement, notes=notes)
     placement.save(target.placement)
-    placement.apply(trajectory).save(target.trajectory)
+    placed.save(target.trajectory)
     if points is not None:
         save_points(target.points, placement.apply_to_points(points))
     return placement.describe()

@@ -46,7 +46,7 @@ def test_a_slope_of_most_points_is_not_the_ground(slope_deg: float) -> None:
 def test_cameras_show_up_where_no_ground_is_seen() -> None:
     off_deg, source = tilt_deg(orbit_trajectory(12, 60, height_m=4.0), plane_points(400, 28.0))
     assert off_deg < 0.1
-    assert source == "camera"
+    assert source == "level"
 
 
 def test_a_gentle_slope_counts_as_ground() -> None:

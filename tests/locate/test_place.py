@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -10,8 +11,13 @@ from geometry.errors import BadInputError
 from geometry.georeference import Georeference, HeightDatum
 from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
-from locate.pipeline.place import place_reconstruction
+from locate.pipeline.config import RunConfig
+from locate.pipeline.files import RunFiles
+from locate.pipeline.known_lengths import KnownLengths
+from locate.pipeline.place import place_reconstruction, place_run
 from locate.pipeline.placement import Placement
+from locate.pipeline.poses import load_up_source
+from locate.pipeline.source import RecordingSource
 from locate.recording.index import KeyFrame, KeyFrames
 from locate.simulation.camera_paths import simulate_trajectory
 from locate.simulation.scene import PathBlock, Scene, VideoBlock
@@ -233,3 +239,54 @@ def test_positions_without_heights_place_a_map_horizontally(
     assert any("holds no heights" in note for note in placed.notes)
     with pytest.raises(BadInputError, match="no frame has a position with a height"):
         place_reconstruction(source, frames_of(flight, video=False), [path], asked=True)
+
+
+@pytest.mark.parametrize(
+    ("up_from", "gravity", "said"),
+    [
+        ("plane", False, "Up is a guess: the plane that most points lie on"),
+        ("level", False, "Up is a guess: the cameras are taken for held level"),
+        ("camera", False, "Up is a guess: the mean of the cameras' own up"),
+        (None, False, "Up is the z axis of the given poses"),
+        (None, True, None),
+    ],
+)
+def test_the_map_says_from_what_up_was_guessed(
+    flight: Trajectory, tmp_path: Path, up_from: str | None, gravity: bool, said: str | None
+) -> None:
+    files = RunFiles(tmp_path)
+    files.sfm.mkdir()
+    replace(reconstructed(flight), gravity=gravity).save(files.sfm_trajectory)
+    if up_from is not None:
+        files.sfm_report.write_text(json.dumps({"report": {"up_from": up_from}}))
+    source = RecordingSource(config=RunConfig(recording=tmp_path), bag=None)
+    key_frames = frames_of(flight, video=True)
+    place_run(source, key_frames, KnownLengths.of(None, None), files, files)
+    notes = Placement.load(files.placement).notes
+    assert len(notes) == (said is not None)
+    for note in notes:
+        assert note.startswith(str(said))
+        assert "--telemetry" in note
+
+
+def test_a_telemetry_that_tells_up_leaves_nothing_to_say_of_it(
+    flight: Trajectory, tmp_path: Path
+) -> None:
+    files = RunFiles(tmp_path)
+    files.sfm.mkdir()
+    reconstructed(flight).save(files.sfm_trajectory)
+    telemetry = write_csv(tmp_path / "gps.csv", flight)
+    config = RunConfig(recording=tmp_path, telemetry=telemetry)
+    source = RecordingSource(config=config, bag=None)
+    key_frames = frames_of(flight, video=False)
+    place_run(source, key_frames, KnownLengths.of(None, None), files, files)
+    assert not [note for note in Placement.load(files.placement).notes if note.startswith("Up")]
+
+
+@pytest.mark.parametrize("content", ["[]", '{"report": {}}', '{"report": {"up_from": "sky"}}'])
+def test_a_damaged_report_of_a_reconstruction_is_named(tmp_path: Path, content: str) -> None:
+    files = RunFiles(tmp_path)
+    files.sfm.mkdir()
+    files.sfm_report.write_text(content)
+    with pytest.raises(BadInputError, match=r"report\.json"):
+        load_up_source(files)
