@@ -21,7 +21,7 @@ from locate.fusion.matched.plumes import (
 )
 from locate.fusion.matched.probability import passes, true_probability
 from locate.fusion.matched.scan import propose_turns
-from locate.fusion.matched.score import SHARED, join_sides
+from locate.fusion.matched.score import SHARED, TurnScore, join_sides
 from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
 from locate.map.plume import Plume
@@ -198,6 +198,24 @@ def test_what_a_plume_explains_supports_no_other(search: TurnSearch, plume: Plum
     assert abs(search.score(turn.as_columns)[0]) > 10
     assert abs(rest(turn.as_columns)[0]) < 3
     assert abs(rest(beside)[0]) < abs(search.score(beside)[0])
+
+
+def test_a_found_plume_is_masked_out_where_it_was_measured(
+    monkeypatch: pytest.MonkeyPatch, search: TurnSearch
+) -> None:
+    masked, without = list[PlumeColumn](), TurnScore.without
+
+    def recorded(score: TurnScore, *columns: PlumeColumn) -> TurnScore:
+        masked.extend(columns)
+        return without(score, *columns)
+
+    monkeypatch.setattr(TurnScore, "without", recorded)
+    found = search.find_plumes([], np.random.default_rng(1)).plumes
+    assert found
+    own = column_of(found[0])
+    assert any(
+        own.widest_gap_to(column) < 1e-9 and own.radius == column.radius for column in masked
+    )
 
 
 def test_views_without_information_are_not_searched(truth: ColumnTruth) -> None:

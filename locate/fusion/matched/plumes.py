@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -109,7 +109,7 @@ class TurnSearch:
         """
         unit = self.score.filters.views.unit
         # What another plume explains must not support this one.
-        score = reduce(TurnScore.without, map(column_of, known), self.score)
+        score = self.score.without(*map(column_of, known))
         found, rejected = list[Plume](), 0.0
         for turn in self.find_turns(rng):
             if abs(turn.sigmas) < LEAST_SIGMAS:
@@ -123,7 +123,7 @@ class TurnSearch:
                 rejected = max(rejected, strength.probability)
             elif not _is_near(plume, [*known, *found], unit):
                 found.append(plume)
-                score = score.without(turn.column.widened(RADIUS_WIDTHS))
+                score = score.without(turn.column.widened(RADIUS_WIDTHS), column_of(plume))
         return Decision(plumes=found, rejected=rejected)
 
 

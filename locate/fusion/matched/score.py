@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import product
 from typing import Self, TypeVar
 
@@ -143,9 +144,11 @@ class TurnScore:
             scatter[w, h] = [scatter_of(side[enough]) for side in even.sides]
         return cls(filters=filters, view_scatter=view_scatter, scatter=scatter)
 
-    def without(self, column: PlumeColumn) -> Self:
-        """The same with nothing known inside a column."""
-        return replace(self, filters=TurnFilters(mask_out(self.filters.views, column)))
+    def without(self, *columns: PlumeColumn) -> Self:
+        """The same with nothing known inside some columns."""
+        if not columns:
+            return self
+        return replace(self, filters=TurnFilters(reduce(mask_out, columns, self.filters.views)))
 
     def view_turns(self, columns: Columns) -> ViewTurns:
         """Of each view, in units of its scatter."""
