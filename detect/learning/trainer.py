@@ -249,7 +249,7 @@ class TrainingRun:
             families={name: score.to_plain() for name, score in scores.items()},
         )
         mean = _mean_auroc(scores)
-        if mean > self.best:
+        if mean > self.best or not (self.folder / BEST).exists():
             self.best = mean
             self.save(BEST)
 

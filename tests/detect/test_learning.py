@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NoReturn
@@ -36,9 +37,10 @@ from detect.learning.networks import PaperUNet, PlumeNet, Prediction, build_netw
 from detect.learning.plot import plot_training
 from detect.learning.pools import SamplePool
 from detect.learning.render import render_missing
-from detect.learning.trainer import LAST, train_network
+from detect.learning.trainer import BEST, LAST, train_network
 from detect.learning.validation import validate_network
 from detect.synthesis import Recipe, render_dataset
+from detect.synthesis.dataset import SCHEMA, shards_in, write_index
 from geometry.atomic import is_unfinished
 from geometry.errors import BadInputError, UnwritableError
 
@@ -532,6 +534,19 @@ def test_too_few_samples_are_refused(data: Path) -> None:
     with pytest.raises(BadInputError, match="24 of 25 samples"):
         SamplePool.load(PoolConfig(folder=data / "samples", samples=25))
     assert len(SamplePool.load(PoolConfig(folder=data / "samples", samples=10))) == 10
+
+
+def test_a_training_whose_validation_shows_no_plume_has_a_best_network(
+    data: Path, tmp_path: Path
+) -> None:
+    still = tmp_path / "still"
+    shard = next(shards_in(data / "samples"))
+    write_index(still, {"schema": SCHEMA})
+    replace(shard, displacements=np.zeros_like(shard.displacements)).save(still / "shard_00000.npz")
+    pools = {"some": {"folder": "samples"}, "still": {"folder": str(still)}}
+    config = config_of(data, pools=pools, validation="still", stages=[STAGE])
+    train_network(config, tmp_path / "run", report=quiet)
+    assert read_checkpoint(tmp_path / "run" / BEST)["step"] == 6
 
 
 def test_samples_of_other_channels_are_refused(data: Path, tmp_path: Path) -> None:
