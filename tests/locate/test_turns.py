@@ -218,6 +218,14 @@ def test_a_found_plume_is_masked_out_where_it_was_measured(
     )
 
 
+def test_a_plume_seen_at_one_height_has_a_column(search: TurnSearch, plume: Plume) -> None:
+    column = column_of(replace(plume, extent_high=plume.extent_low))
+    assert np.isfinite(column.as_columns.axis_points(np.zeros((1, 1)))).all()
+    assert column.height == 0
+    assert column.opening == 0
+    assert np.isfinite(search.score.without(column)(column_of(plume).as_columns)).all()
+
+
 def test_views_without_information_are_not_searched(truth: ColumnTruth) -> None:
     views = replace(views_of(truth, 0.2), information=())
     grid = sum_evidence(views.volume(), views.trajectory, views.llr, views.inverse_depth)

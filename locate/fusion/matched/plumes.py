@@ -133,7 +133,7 @@ def column_of(plume: Plume) -> PlumeColumn:
     radii = np.interp([low, high], *plume.radius_by_height.T)
     height = (high - low) * plume.axis[2]
     slopes = plume.axis[:2] / plume.axis[2]
-    opening = (radii[1] - radii[0]) / height
+    opening = (radii[1] - radii[0]) / height if height else 0.0  # it may be seen at one height
     lowest = plume.points_on_axis(np.array([low]))[0]
     return PlumeColumn(np.array([*lowest, *slopes, height, radii[0], opening]))
 
