@@ -14,6 +14,11 @@ IN_A_ROW = 600
 """Frames in the middle that are all looked at where the camera is at rest."""
 
 
+def looked_step(expected: int, max_frames: int) -> int:
+    """Of how many frames of a video one is looked at, of so many, for so many key frames."""
+    return ceil(expected / max(ENOUGH, FOR_EACH * max_frames)) or 1
+
+
 class LookedAt:
     """Decides frame by frame, in their order, which to look at; B frames are taken last.
 
@@ -24,7 +29,7 @@ class LookedAt:
     """
 
     def __init__(self, expected: int, max_frames: int, is_at_rest: Callable[[], bool]) -> None:
-        self._step = ceil(expected / max(ENOUGH, FOR_EACH * max_frames)) or 1
+        self._step = looked_step(expected, max_frames)
         self._middle = expected // 2
         self._is_at_rest = is_at_rest
         self._last, self._last_s = -self._step, 0.0
