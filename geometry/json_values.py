@@ -71,7 +71,11 @@ def check_fields(kind: type[Checked], content: Any) -> Checked:
     Raises:
         ValueError: A field is missing or of another type; named.
     """
+    adapter = TypeAdapter(kind)
+    # Names of files that are no UTF-8 are lone surrogates, which pydantic takes for no JSON.
+    as_json = json.dumps(content, ensure_ascii=False).encode(errors="replace")
     try:
-        return TypeAdapter(kind).validate_json(json.dumps(content), strict=True)
+        adapter.validate_json(as_json, strict=True)
+        return adapter.validate_python(content)
     except ValidationError as error:
         raise ValueError(first_complaint(error)) from error

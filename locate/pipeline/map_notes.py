@@ -28,13 +28,6 @@ UNCONFIRMED = (
 MORE_FRAMES = (
     "The displacement alone of {more} more frames counts beside {measured} measured whole."
 )
-UP_SOURCES = {
-    "plane": "the plane that most points lie on is taken for level ground",
-    "level": "the cameras are taken for held level, as they turned without rolling",
-    "camera": "the mean of the cameras' own up is taken, which leans where they look up or down",
-}
-"""By what `geometry.sfm.gauge.normalising_transform` took up from."""
-BETTER_UP = "give --telemetry with GPS or gimbal angles if you have it."
 
 
 def map_notes(
@@ -69,19 +62,6 @@ def map_notes(
     unit_name = "m" if trajectory.metric else "scene units"
     notes += [hidden_note(plume, unit_name) for plume in found.plumes if plume.source_hidden]
     return tuple(notes)
-
-
-def guessed_up_note(source: str | None) -> str:
-    """From what up was guessed, and what says it better.
-
-    Args:
-        source: A key of `UP_SOURCES`; None for given poses that do not say where up is.
-    """
-    if source is None:
-        return (
-            f"Up is the z axis of the given poses, which do not say that it points up; {BETTER_UP}"
-        )
-    return f"Up is a guess: {UP_SOURCES[source]}; {BETTER_UP}"
 
 
 def full_size_notes(key_frames: KeyFrames) -> tuple[str, ...]:

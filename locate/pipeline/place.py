@@ -17,12 +17,12 @@ from geometry.georeference.lengths import scale_from_height
 from geometry.trajectory import Trajectory
 from locate.pipeline.files import RunFiles
 from locate.pipeline.fingerprint import fingerprint_path
+from locate.pipeline.guessed_up import guessed_up_note, load_up_source
 from locate.pipeline.known_lengths import KnownLengths
-from locate.pipeline.map_notes import guessed_up_note
 from locate.pipeline.place_by_track import place_by_track
 from locate.pipeline.placement import Placement
 from locate.pipeline.points import load_points, save_points
-from locate.pipeline.poses import load_pose_notes, load_up_source, names_of
+from locate.pipeline.poses import load_pose_notes, names_of
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.telemetry import (

@@ -19,7 +19,6 @@ from geometry.stray_poses import stray_rows
 from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.pipeline.files import RunFiles
-from locate.pipeline.map_notes import UP_SOURCES
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrames
 from locate.recording.images import FrameImages
@@ -137,23 +136,6 @@ def adopt_poses(given: NamedPoses, key_frames: KeyFrames, files: RunFiles, targe
 
 def _save_pose_notes(files: RunFiles, notes: Sequence[str]) -> None:
     files.pose_notes.write_text(json.dumps(list(notes), indent=1))
-
-
-def load_up_source(files: RunFiles) -> str | None:
-    """What the reconstruction took up from; None where the poses were given.
-
-    Raises:
-        BadInputError: The file is damaged.
-    """
-    if not files.sfm_report.exists():
-        return None
-    try:
-        source = read_json(files.sfm_report)["report"]["up_from"]
-        if source not in UP_SOURCES:
-            raise ValueError(f"up_from is {source!r}")
-    except (LookupError, TypeError, ValueError) as error:
-        raise BadInputError(f"{files.sfm_report}: damaged ({error}); delete it") from error
-    return str(source)
 
 
 def load_pose_notes(files: RunFiles) -> tuple[str, ...]:

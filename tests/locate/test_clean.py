@@ -11,6 +11,7 @@ from locate.commands.app import app
 from locate.pipeline.clean import list_dispensable, open_finished, remove_dispensable
 from locate.pipeline.run_folder import RunFolder
 from locate.pipeline.stage import Stage
+from locate.recording.sample import SAMPLE_VIDEO
 
 STAGES = {"frames": "frames/a.png", "poses": "sfm/model", "detections": "detections/a.npz"}
 SCENES = Path(__file__).parents[2] / "examples" / "scenes"
@@ -92,7 +93,7 @@ def test_a_folder_that_another_command_works_on_is_not_cleaned(tmp_path: Path) -
     [
         ["simulate", str(SCENES / "pipe_rack_leak.yaml")],
         ["train", "judge"],
-        ["bos", str(SCENES)],
+        ["bos", str(SAMPLE_VIDEO)],
     ],
     ids=lambda arguments: arguments[0],
 )

@@ -13,10 +13,10 @@ from geometry.similarity import Similarity
 from geometry.trajectory import Trajectory
 from locate.pipeline.config import RunConfig
 from locate.pipeline.files import RunFiles
+from locate.pipeline.guessed_up import load_up_source
 from locate.pipeline.known_lengths import KnownLengths
 from locate.pipeline.place import place_reconstruction, place_run
 from locate.pipeline.placement import Placement
-from locate.pipeline.poses import load_up_source
 from locate.pipeline.source import RecordingSource
 from locate.recording.index import KeyFrame, KeyFrames
 from locate.simulation.camera_paths import simulate_trajectory
