@@ -90,6 +90,11 @@ class Recording:
         return not self.photos
 
     @property
+    def is_video_file(self) -> bool:
+        """Whether FFmpeg reads it; False for photos, stacks of pages and bags."""
+        return self.is_video and self.read is None
+
+    @property
     def width(self) -> int:
         """Working width, px."""
         return self.sizes.working[0]
@@ -107,7 +112,7 @@ class Recording:
     @cached_property
     def coding(self) -> VideoCoding | None:
         """How a video file is coded; None for others."""
-        return read_coding(self.path) if self.is_video and self.read is None else None
+        return read_coding(self.path) if self.is_video_file else None
 
     @property
     def bits_per_pixel(self) -> float | None:
@@ -158,7 +163,7 @@ class Recording:
             BadInputError: As `frames`.
         """
         count = 0
-        if self.is_video and self.read is None:
+        if self.is_video_file:
             times_s = [frame.time_s for frame in chosen]
             images = chosen_video_images(self.path, times_s, self.stretch)
             for key, source in zip(chosen, images, strict=False):
