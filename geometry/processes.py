@@ -21,7 +21,7 @@ from typing import IO, Any, TypeVar
 from geometry.errors import LocateError
 from geometry.memory import keep_freed_memory
 from geometry.reports import Report
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 
 PROGRAM = f"from {__name__} import answer_call; answer_call()"
 LAST_WORDS = re.compile(r"what\(\): *(?:\[[^]]*\] *)?(.*)")
@@ -133,7 +133,7 @@ def _describe_end(code: int, printed: IO[bytes]) -> str:
     return f"{how} ({words[1]})" if words else how
 
 
-@with_one_blas_thread
+@with_one_thread
 def answer_call() -> None:
     """Runs such a process: makes the one call it is sent, and sends what came of it."""
     keep_freed_memory()

@@ -19,7 +19,7 @@ from geometry.pose_files import read_named_poses
 from geometry.removal import remove_inside
 from geometry.reports import Report, ignore_report
 from geometry.text_files import read_json
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 from locate.export.pictures import displacement_picture, overlay_evidence
 from locate.recording.frame_files import FrameFiles
 from locate.recording.images import write_png
@@ -62,7 +62,7 @@ class FrameSummary:
         )
 
 
-@with_one_blas_thread
+@with_one_thread
 def detect_frames(
     path: Path,
     output: Path,

@@ -10,7 +10,7 @@ from detect import registry
 from detect.registry import DetectorChoice
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.reports import Report, ignore_report
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 from locate.map.plume import PlumeMap
 from locate.pipeline import decide, detections, frames, place, poses, publish
 from locate.pipeline.config import RunConfig
@@ -82,7 +82,7 @@ class Run:
         self._report = report
         self._jobs = jobs
 
-    @with_one_blas_thread
+    @with_one_thread
     def run(self) -> PlumeMap:
         """Does what is left to do, and returns the map.
 
@@ -99,7 +99,7 @@ class Run:
             self.folder.withdraw_others()
             return PlumeMap.load(self.files.map)
 
-    @with_one_blas_thread
+    @with_one_thread
     def prepare(self, *, poses: bool = True, share: tuple[int, int] | None = None) -> None:
         """Does a part of what `run` does; `run` does the rest.
 

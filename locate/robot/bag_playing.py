@@ -7,7 +7,7 @@ from typing import Any
 from detect.detection import Detector
 from geometry.errors import BadInputError
 from geometry.reports import Report, ignore_report
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 from locate.map.plume import PlumeMap
 from locate.messages.bags import BagTopics, TopicChoice, open_bag
 from locate.messages.wiring import Wiring
@@ -17,7 +17,7 @@ from locate.robot.plume_tracks import PlumeUpdate
 from locate.robot.settings import LocatorSettings
 
 
-@with_one_blas_thread
+@with_one_thread
 def locate_in_bag(
     path: Path,
     output: Path,

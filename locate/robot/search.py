@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from detect.registry import DetectorChoice
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NULL_DRAWS, NullLevel, draw_strongest
 from locate.fusion.views import Views
@@ -63,7 +63,7 @@ class LocalPlumeSearch:
         self._rng = np.random.default_rng(settings.seed)
         self._null: deque[tuple[int, float]] = deque(maxlen=NULL_DRAWS)
 
-    @with_one_blas_thread
+    @with_one_thread
     def search_window(
         self, views: Views, poses: Sequence[StampedPose], shared: SharedError
     ) -> list[FixedLagSmoother]:

@@ -10,13 +10,11 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
-import cv2
-
 from detect.detection import Detection, Detector, Frames
 from detect.registry import make_detector
 from geometry.errors import BadInputError
 from geometry.processes import start_python
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 from locate.fusion.views import Views
 from locate.messages.poses import StampedPose
 from locate.robot.drift import SharedError
@@ -168,9 +166,8 @@ def _call_safely(call: Callable[..., Any], arguments: Sequence[Any]) -> Any:
         return RuntimeError(traceback.format_exc())
 
 
-@with_one_blas_thread
+@with_one_thread
 def run_worker() -> None:
     """Runs one of these processes; its argument is the file descriptor of its pipe."""
-    cv2.setNumThreads(1)
     with Connection(int(sys.argv[1])) as pipe:
         serve_calls(pipe)

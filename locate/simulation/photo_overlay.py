@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from geometry.arrays import FloatArray, FloatMap, GreyImage, IntArray
 from geometry.camera import Camera
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 from geometry.trajectory import Trajectory
 from locate.simulation.image_formation import area_mean, digitise_grey
 from locate.simulation.photo_set import PhotoSet
@@ -110,7 +110,7 @@ def render_strengths_onto_set(
     _render(scene, photo_set, strengths, reduce, ignore_progress)
 
 
-@with_one_blas_thread
+@with_one_thread
 def _render(
     scene: Scene,
     photo_set: PhotoSet,

@@ -11,7 +11,7 @@ from geometry.errors import BadInputError
 from geometry.lock import hold_lock
 from geometry.named_paths import resolve_path
 from geometry.reports import Report, ignore_report
-from geometry.threads import with_one_blas_thread
+from geometry.threads import with_one_thread
 from locate.map.plume import Plume
 from locate.pipeline.files import RunFiles
 from locate.survey.coverage import CoverageJob, FlightCoverage
@@ -26,7 +26,7 @@ SURVEY, FLIGHTS, COVERAGES = "survey.json", "flights", "looks"
 log = logging.getLogger("locate")
 
 
-@with_one_blas_thread
+@with_one_thread
 def build_survey(
     given: Sequence[Path],
     output: Path,
