@@ -305,9 +305,12 @@ def demo(
 ) -> None:
     """Run on the bundled sample: a simulated hot leak on a pipe rack, seen from an orbit."""
     from locate.recording.sample import SAMPLE_VIDEO
+    from locate.simulation.sample_strength import describe_sample_strength
 
     shown = Shown.of(quiet=quiet, verbose=verbose)
     _run(RunConfig(recording=SAMPLE_VIDEO), output, force=force, shown=shown)
+    if shown is not Shown.QUIET:
+        out.print(f"\n{describe_sample_strength()}", soft_wrap=True)
 
 
 def _run(

@@ -1,6 +1,7 @@
 """How a command ends: interrupted at any moment, or by an error of the system."""
 
 import errno
+import json
 import os
 import signal
 import sqlite3
@@ -16,7 +17,7 @@ from geometry.errors import INTERRUPTED, BadInputError, InterruptedRunError
 from locate import cli
 from locate.commands.app import app
 from locate.journal.progress import SIGNALS, interruptible
-from locate.recording.sample import SAMPLE_VIDEO
+from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 
 SIGNALLED_AT_AN_IMPORT = """
 import os, signal, sys
@@ -171,3 +172,13 @@ def test_numbers_that_nothing_can_use_are_refused(
     said = CliRunner().invoke(app, arguments.replace("PLACE", str(tmp_path)).split())
     assert isinstance(said.exception, BadInputError)
     assert says in str(said.exception)
+
+
+def test_the_demo_says_how_much_stronger_its_leak_is_than_a_real_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("locate.commands.run._run", lambda *_given, **_named: None)
+    (plume,) = json.loads((SAMPLE / "truth.json").read_text())["plumes"]
+    shown = CliRunner().invoke(app, ["demo"]).stdout
+    assert f"{plume['refractivity_gain']:.0f} times as much as air of 438 K" in shown
+    assert CliRunner().invoke(app, ["demo", "--quiet"]).stdout == ""
