@@ -13,6 +13,10 @@ MAX_TILT_DEG = 35.0
 MAX_SLOPE_DEG = 10.0
 """Largest angle between the ground's normal and up, where the cameras show that by themselves;
 chosen by hand."""
+LEVEL_SIGMA_DEG = 3.0
+"""Standard deviation of that angle: of two planes with as many points the one nearer to up counts.
+Set on 63 reconstructions of simulated plants, with rolls of 0 to 5 degrees added
+(docs/archive/tried.md)."""
 MAX_ROLL = 0.25
 """Of cameras that show up: rms of how far their x axes leave one plane, over their spread in it;
 chosen by hand."""
@@ -39,8 +43,8 @@ def normalising_transform(
     Up is the normal of the plane that most points lie on among those within `MAX_TILT_DEG` of the
     cameras' mean up axis (so no wall), that axis itself where such a plane holds too few points,
     or the normal of the plane straight below the cameras. Cameras that turn without rolling show
-    up better than their mean axis, which leans as they look down: no plane further than
-    `MAX_SLOPE_DEG` from it counts then.
+    up better than their mean axis, which leans as they look down: a plane counts for less the
+    further its normal is from that (`LEVEL_SIGMA_DEG`), and for nothing beyond `MAX_SLOPE_DEG`.
 
     Args:
         trajectory: In the world frame of the reconstruction.
@@ -57,8 +61,12 @@ def normalising_transform(
     level = _level_up(trajectory, camera_up)
     up, source = (camera_up, "camera") if level is None else (level, "level")
     tolerance = PLANE_TOLERANCE * view_distance
-    tilt_deg = MAX_TILT_DEG if level is None else MAX_SLOPE_DEG
-    ground, ground_share = dominant_plane(points_in_world, tolerance, near=up, tilt_deg=tilt_deg)
+    tilt_deg, sigma_deg = (
+        (MAX_TILT_DEG, np.inf) if level is None else (MAX_SLOPE_DEG, LEVEL_SIGMA_DEG)
+    )
+    ground, ground_share = dominant_plane(
+        points_in_world, tolerance, near=up, tilt_deg=tilt_deg, sigma_deg=sigma_deg
+    )
     below, below_share = dominant_plane(points_in_world, tolerance, near=-forward)
     if below_share >= MIN_SURVEY_SHARE and _looks_down(below, trajectory):
         up, source = below, "plane"
@@ -71,11 +79,17 @@ def normalising_transform(
 
 
 def dominant_plane(
-    points: FloatArray, tolerance: float, near: FloatArray, *, tilt_deg: float = MAX_TILT_DEG
+    points: FloatArray,
+    tolerance: float,
+    near: FloatArray,
+    *,
+    tilt_deg: float = MAX_TILT_DEG,
+    sigma_deg: float = np.inf,
 ) -> tuple[FloatArray, float]:
     """The plane with most points within `tolerance`, its normal within `tilt_deg` of `near`.
 
-    RANSAC, then two fits to ever closer points.
+    RANSAC, then two fits to ever closer points. The points of a plane count for less the further
+    its normal is from `near`, by a normal distribution of standard deviation `sigma_deg`.
 
     Returns:
         The unit normal on the side of `near`, and the share of points on the plane (0 for none).
@@ -86,12 +100,14 @@ def dominant_plane(
     triples = points[random.integers(len(points), size=(PLANE_TRIALS, 3))]
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    usable = np.abs(normals @ near) > np.cos(np.radians(tilt_deg)) * np.linalg.norm(near)
+    along = np.abs(normals @ near) / max(float(np.linalg.norm(near)), 1e-9)
+    usable = along > np.cos(np.radians(tilt_deg))
     if not usable.any():
         return near, 0.0
     normals, offsets = normals[usable], np.einsum("ij,ij->i", normals, triples[:, 0])[usable]
     counts = (np.abs(points @ normals.T - offsets) < tolerance).sum(axis=0)
-    best = int(np.argmax(counts))
+    off_deg = np.degrees(np.arccos(np.minimum(along[usable], 1.0)))
+    best = int(np.argmax(counts * np.exp(-((off_deg / sigma_deg) ** 2) / 2)))
     normal, offset = normals[best], float(offsets[best])
     for shrink in (1.0, 0.4):
         inside = points[np.abs(points @ normal - offset) < shrink * tolerance]

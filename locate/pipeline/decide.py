@@ -175,9 +175,10 @@ def _find_in_frames(
     if found is not None and not others:
         report("fusion", 1.0)
         return views, found
+    by_pixels = None if found is None else found.by_pixels
     rows = posed.rows_of([*indices, *others])
     views = Views.from_detections(measured, trajectory.take(rows), displacements)
-    by_pixels = None if found is None else found.by_pixels
+    del found, displacements  # they hold as much memory as the second search
     return views, find(views, by_pixels=by_pixels, progress=part(SECOND_SHARE, 1.0))
 
 

@@ -43,6 +43,13 @@ def test_a_slope_of_most_points_is_not_the_ground(slope_deg: float) -> None:
     assert source == "plane"
 
 
+def test_of_two_gentle_planes_the_one_nearer_to_level_is_the_ground() -> None:
+    points = np.concatenate([plane_points(400, 8.0), plane_points(200, 1.0)])
+    off_deg, source = tilt_deg(orbit_trajectory(12, 60, height_m=4.0), points)
+    assert off_deg < 2
+    assert source == "plane"
+
+
 def test_cameras_show_up_where_no_ground_is_seen() -> None:
     off_deg, source = tilt_deg(orbit_trajectory(12, 60, height_m=4.0), plane_points(400, 28.0))
     assert off_deg < 0.1

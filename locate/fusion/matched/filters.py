@@ -18,6 +18,7 @@ import numpy as np
 from detect.information import DisplacementInformation
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.grid import lever_gate
+from geometry.memory import map_array
 from geometry.normal_errors import MAD_TO_SIGMA, quick_quantile
 from locate.fusion.search.score import NEAREST_DEPTH_UNITS
 from locate.fusion.views import Views
@@ -171,7 +172,7 @@ class FilteredView:
         cells = np.repeat(self._widths * self._heights, DIRECTIONS)
         self._ends = np.cumsum(cells)
         self._starts = self._ends - cells
-        self._table = np.empty((self._ends[-1], 2, SIDES), np.float16)
+        self._table = map_array((int(self._ends[-1]), 2, SIDES), np.float16)
         self._filled = np.zeros(len(cells), np.bool_)
         self._information = information
         self._summed: dict[int, tuple[FloatMap, ...]] = {}
