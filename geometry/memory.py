@@ -5,14 +5,7 @@ pages are zeroed and mapped anew, which takes up to half of the time of what is 
 """
 
 import ctypes
-import math
-import mmap
 import sys
-from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
-from numpy.typing import DTypeLike, NDArray
 
 KEPT_BYTES = 1 << 26
 """Most of it that is kept; chosen by hand."""
@@ -28,19 +21,3 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(TRIM_THRESHOLD, KEPT_BYTES)
         mallopt(MMAP_THRESHOLD, MAPPED_BYTES)
-
-
-def map_array(shape: Sequence[int], dtype: DTypeLike) -> NDArray[Any]:
-    """An array of zeros of its own pages: each takes memory from when it is first written to.
-
-    They go back to the system with the array. For large tables of which a part is used.
-
-    Args:
-        shape: Of the array, with at least one element.
-        dtype: Likewise.
-    """
-    kind = np.dtype(dtype)
-    pages = mmap.mmap(
-        -1, math.prod(shape) * kind.itemsize, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
-    )
-    return np.frombuffer(pages, kind).reshape(shape)

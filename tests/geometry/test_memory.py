@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.memory import map_array
+from geometry.mapped_array import map_array
 
 PAGES = """
 import resource

@@ -18,7 +18,7 @@ import numpy as np
 from detect.information import DisplacementInformation
 from geometry.arrays import FloatArray, FloatMap, IntArray
 from geometry.grid import lever_gate
-from geometry.memory import map_array
+from geometry.mapped_array import map_array
 from geometry.normal_errors import MAD_TO_SIGMA, quick_quantile
 from locate.fusion.search.score import NEAREST_DEPTH_UNITS
 from locate.fusion.views import Views
