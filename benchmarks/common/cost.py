@@ -42,3 +42,8 @@ def children_cpu_s() -> float:
 def children_peak_mib() -> float:
     """The most memory that one of them has held, MiB."""
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+
+
+def folder_mib(folder: Path) -> float:
+    """What the files in a folder take of the disk, MiB."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 2**20

@@ -19,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common.cost import children_cpu_s, children_peak_mib
+from benchmarks.common.cost import children_cpu_s, children_peak_mib, folder_mib
 from benchmarks.growth.looped import FPS
 from geometry.arrays import GreyImage, IntArray
 from geometry.processes import count_cores
+from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.evaluation.api import evaluate
 from locate.recording import open_recording
@@ -51,10 +52,9 @@ def main(options: argparse.Namespace) -> None:
         started_s = time.perf_counter()
         subprocess.run(command, check=True)
         wall_s = time.perf_counter() - started_s
-        kept = sum(path.stat().st_size for path in (work / "run").rglob("*") if path.is_file())
         print(f"{options.frames} frames, {video.stat().st_size / 2**20:.0f} MiB of video")
         print(f"{children_cpu_s():.0f} CPU s, {wall_s:.0f} s on {count_cores()} cores")
-        print(f"memory {children_peak_mib():.0f} MiB, disk {kept / 2**20:.0f} MiB")
+        print(f"memory {children_peak_mib():.0f} MiB, disk {folder_mib(work / 'run'):.0f} MiB")
         scored = evaluate(work / "run", work)
         for plume in scored.plumes:
             print(f"source {plume.error_percent:.1f} % of the range off, NEES {plume.nees:.1f}")
@@ -65,7 +65,7 @@ def write_hover(film: Path, work: Path, count: int) -> Path:
     """The long video, and its truth beside it."""
     rng = np.random.default_rng(0)
     recording = open_recording(film / "video.mkv")
-    truth = json.loads((film / "truth.json").read_text())
+    truth = read_json(film / "truth.json")
     trajectory = Trajectory.load(film / "truth.json")
     shown = np.arange(count) * len(trajectory) // count
     long = replace(trajectory.take(shown), indices=np.arange(count))

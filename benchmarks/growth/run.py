@@ -23,7 +23,7 @@ import av
 import cv2
 import numpy as np
 
-from benchmarks.common.cost import children_peak_mib, peak_mib
+from benchmarks.common.cost import children_peak_mib, folder_mib, peak_mib
 from benchmarks.growth.looped import loop_video, write_unit
 from geometry.arrays import GreyImage
 from geometry.image_files import write_image
@@ -69,12 +69,11 @@ def spend(recording: Path, output: Path, most: int, *, whole: bool, **_progress:
         run.run()
     else:
         run.prepare(poses=False)
-    files = [path for path in output.rglob("*") if path.is_file()]
     return Spent(
         cpu_s={time.name: time.cpu_s for time in run.folder.times},
         peak_mib=peak_mib(),
         sfm_mib=children_peak_mib(),
-        disk_mib=sum(path.stat().st_size for path in files) / 2**20,
+        disk_mib=folder_mib(output),
     )
 
 
