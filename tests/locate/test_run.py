@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 
@@ -37,6 +37,27 @@ from tests.no_network import SOCKET_CALL, forbid_network
 FRAMES = "14"
 MID_STAGE = {"poses": "sfm/database.db", "detections": "detections/*.npz"}
 STAGES = ("frames", "poses", "place", "detections", "fusion", "report")
+KILLED_BEFORE_ITS_RESULT_IS_KEPT = """
+import os
+import signal
+import sys
+
+from locate.cli import main
+from locate.pipeline.run_folder import RunFolder
+
+stage = sys.argv.pop(1)
+publish = RunFolder._publish
+
+
+def kill_or_publish(self, partial, fingerprint, spent):
+    if spent.name == stage:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return publish(self, partial, fingerprint, spent)
+
+
+RunFolder._publish = kill_or_publish
+main()
+"""
 
 
 def command(*arguments: object) -> list[str]:
@@ -140,32 +161,35 @@ def test_a_change_of_the_code_of_a_stage_does_it_and_those_after_it_again(
     assert changed == list(STAGES[STAGES.index(first) :])
 
 
-def stage_has_begun(log: Path, stage: str) -> bool:
-    if not log.exists():
-        return False
-    lines = (json.loads(line) for line in log.read_text().splitlines() if line.endswith("}"))
-    return any(line.get("stage") == stage and line["message"] == "start" for line in lines)
+def kill_while_it_writes(arguments: list[str], files: str, output: Path, env: Mapping) -> None:
+    """Kills the command from outside as soon as a stage has begun to write these files."""
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen(arguments, stdout=quiet, stderr=quiet, env=env)
+    deadline = time.monotonic() + 300
+    while not list(output.glob(f".partial/*/{files}")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
 
 
 def test_killed_in_every_stage_it_ends_in_the_same_map(finished: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
-    arguments = command("run", SAMPLE_VIDEO, "-o", output, "--max-frames", FRAMES)
+    arguments = ["run", str(SAMPLE_VIDEO), "-o", str(output), "--max-frames", FRAMES]
     other_threads = {**os.environ, "OPENBLAS_NUM_THREADS": "3", "OMP_NUM_THREADS": "3"}
     for stage in STAGES:
-        process = subprocess.Popen(
-            arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=other_threads
+        stamp = output / ".stages" / f"{stage}.json"
+        if stage in MID_STAGE:
+            kill_while_it_writes(command(*arguments), MID_STAGE[stage], output, other_threads)
+            assert not stamp.exists()
+        python = [sys.executable, "-c", KILLED_BEFORE_ITS_RESULT_IS_KEPT, stage]
+        killed = subprocess.run(
+            [*python, *arguments], capture_output=True, check=False, env=other_threads
         )
-        deadline = time.monotonic() + 300
-        while not stage_has_begun(output / "log.jsonl", stage):
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        while stage in MID_STAGE and not list(output.glob(f".partial/*/{MID_STAGE[stage]}")):
-            time.sleep(0.02)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        assert not (output / ".stages" / f"{stage}.json").exists()
-    ended = subprocess.run(arguments, capture_output=True, check=False, env=other_threads)
+        assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
+        assert not stamp.exists()
+    ended = subprocess.run(command(*arguments), capture_output=True, check=False, env=other_threads)
     assert ended.returncode == 0
     for name in ("map.json", "trajectory.json", "plumes.ply"):
         assert (output / name).read_bytes() == (finished / name).read_bytes(), name
@@ -338,7 +362,8 @@ def test_interrupt_says_how_to_go_on(tmp_path: Path, how: signal.Signals) -> Non
         command("run", SAMPLE_VIDEO, "-o", tmp_path / "out", "--max-frames", FRAMES),
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    while not stage_has_begun(tmp_path / "out" / "log.jsonl", "frames"):
+    log = tmp_path / "out" / "log.jsonl"
+    while not (log.exists() and log.read_text()):
         assert process.poll() is None
         time.sleep(0.02)
     process.send_signal(how)
