@@ -34,6 +34,7 @@ from tests.simulated_evidence import (
 )
 
 NOISE_PX = 0.5
+BESIDE_PX = 14
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +42,17 @@ def truth() -> ColumnTruth:
     return random_column(np.random.default_rng(5))
 
 
-def views_of(truth: ColumnTruth | None, share: float, *, sides: str = "both") -> Views:
-    """Views whose pixels measure a share of the displacement in noise, and give no evidence."""
+def views_of(
+    truth: ColumnTruth | None, share: float, *, sides: str = "both", beside: float = 0.0
+) -> Views:
+    """Views whose pixels measure a share of the displacement in noise, and give no evidence.
+
+    Args:
+        truth: The plume; None: no plume.
+        share: Of its displacement.
+        sides: "one": only what points to the right.
+        beside: This much of it is taken away to either side, where neighbours see it.
+    """
     rng = np.random.default_rng(9)
     views = make_faulty_views(truth, orbit_trajectory(12, 60), rng, NO_FAULTS)
     information = []
@@ -50,6 +60,8 @@ def views_of(truth: ColumnTruth | None, share: float, *, sides: str = "both") ->
         seen = displacement.copy()
         if sides == "one":
             seen = np.maximum(seen, 0)
+        for shift in (-BESIDE_PX, BESIDE_PX):
+            seen -= beside * np.roll(displacement, shift, axis=1)
         measured = share * seen + rng.normal(0, NOISE_PX, displacement.shape)
         precision = np.full(displacement.shape[:2], NOISE_PX**-2)
         matrix = np.stack([precision, 0 * precision, precision], axis=-1)
@@ -115,6 +127,15 @@ def test_a_plume_far_below_the_noise_of_a_pixel_is_found(truth: ColumnTruth) -> 
 
 def test_a_denser_gas_turns_the_other_way(truth: ColumnTruth) -> None:
     assert turns_of(views_of(truth, -0.2))[0].sigmas < -10
+
+
+@pytest.mark.parametrize("share", [-5.0, 2.0, 5.0])
+def test_what_neighbours_see_beside_a_strong_plume_is_no_turn(
+    truth: ColumnTruth, share: float
+) -> None:
+    turns = turns_of(views_of(truth, share, beside=0.3))
+    assert turns[0].sigmas * np.sign(share) > 10
+    assert all(abs(turn.sigmas) < 10 for turn in turns[1:])
 
 
 def test_noise_turns_nowhere() -> None:

@@ -36,6 +36,8 @@ LEAST_KNOWN = 0.05
 """Of the information that the best tenth of a view holds: less counts as none; chosen by hand."""
 MOST_SIGMAS = 3.0
 """No side of any place counts for more: an edge with a wrong depth is no plume; chosen by hand."""
+MOST_STORED = 6e4
+"""Sigmas that a table of half precision holds."""
 SOME_ROWS = 80
 """About so many rows of a view, and as many columns of each, show how its sigmas scatter."""
 FEWEST_VALUES = 30
@@ -49,7 +51,7 @@ class TurnSamples:
 
     Attributes:
         sigmas: (2, V, M) by how many sigmas the displacement turns on either side, positive where
-            it points away from the axis; at most `MOST_SIGMAS`.
+            it points away from the axis.
         weight: (V, M) how much of a turn the view would show there, from 0 to 1: little before
             a near background, nothing where no displacement is known.
         sigmas_per_px: (2, V, M) what a turn would show whose size is 1 px.
@@ -58,6 +60,11 @@ class TurnSamples:
     sigmas: FloatMap
     weight: FloatMap
     sigmas_per_px: FloatMap
+
+    @property
+    def limited(self) -> FloatMap:
+        """(2, V, M) `sigmas`, none beyond `MOST_SIGMAS`."""
+        return np.asarray(self.sigmas.clip(-MOST_SIGMAS, MOST_SIGMAS))
 
 
 class TurnFilters:
@@ -264,7 +271,7 @@ def _filter_side(
     sigmas /= scatter
     root /= scatter
     root *= known
-    return sigmas.clip(-MOST_SIGMAS, MOST_SIGMAS, out=sigmas), root
+    return sigmas.clip(-MOST_STORED, MOST_STORED, out=sigmas), root
 
 
 def _correlate(image: FloatMap, kernel: FloatMap) -> FloatMap:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import FloatArray
+from geometry.arrays import BoolArray, FloatArray
 from locate.fusion.matched.score import TurnScore
 from locate.fusion.search.columns import HEIGHT, RADIUS, Columns, PlumeColumn, X, Y
 from locate.fusion.search.fit import FREE, SLOPES, Objective, SearchSpace, random_search
@@ -32,6 +32,9 @@ TRIES = 4
 hand."""
 APART_UNITS = 0.3
 """Axes nearer than this are one plume's, units of fusion; chosen by hand."""
+BESIDE_UNITS = 0.8
+"""How near a plume the displacement may turn the other way because of it, units of fusion. Set on
+the door of docs/real_frames.md."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +63,29 @@ def find_turns(score: TurnScore, proposals: Columns, rng: np.random.Generator) -
     best = np.argsort(-np.abs(first), kind="stable")[:REFINED]
     sign = np.where(first[best] < 0, -1.0, 1.0)
     columns, sigmas = _climb(score, unit, proposals.take(best), sign, rng)
+    surest = np.argsort(-np.abs(sigmas), kind="stable")
     found: list[Turn] = []
-    for k in np.argsort(-np.abs(sigmas), kind="stable"):
+    for k in surest[~_beside_a_stronger(score, columns, sigmas)[surest]]:
         column = columns[k]
         if all(column.gap_to(other.column) > APART_UNITS * unit for other in found):
             found.append(Turn(column, float(sigmas[k])))
     return found
+
+
+def _beside_a_stronger(score: TurnScore, columns: Columns, sigmas: FloatArray) -> BoolArray:
+    """(N,) whether near a column lies one about which the displacement turns the other way, more.
+
+    Beside a plume the displacement turns back, and where neighbouring frames see the plume it turns
+    the other way. Near a strong plume every place of such a column reaches the most that counts, as
+    the plume does.
+    """
+    near = BESIDE_UNITS * score.filters.views.unit
+    strength = np.abs(score.unlimited(columns))
+    beside = np.zeros(len(columns), np.bool_)
+    for k, column in enumerate(columns):
+        stronger = np.flatnonzero((sigmas * sigmas[k] < 0) & (strength > strength[k]))
+        beside[k] = any(column.gap_to(columns[j]) < near for j in stronger)
+    return beside
 
 
 def strongest_turn_near(score: TurnScore, column: PlumeColumn, rng: np.random.Generator) -> float:

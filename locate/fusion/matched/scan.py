@@ -75,7 +75,7 @@ class TurnVolume:
             upright = np.broadcast_to([0.0, 0.0, 1.0], offsets.shape)
             widths = np.full(len(offsets), width)
             samples = filters.sample(box.low_in_world + offsets, widths, upright)
-            sides[:, level, at_y, at_x] = (samples.sigmas * samples.weight).sum(axis=1)
+            sides[:, level, at_y, at_x] = (samples.limited * samples.weight).sum(axis=1)
             weight[level, at_y, at_x] = (samples.weight**2).sum(axis=0)
         return cls(low=box.low_in_world, spacing=spacing, width=width, sides=sides, weight=weight)
 

@@ -185,6 +185,15 @@ class TurnScore:
     def _join(self, turns: ViewTurns, columns: Columns) -> FloatArray:
         return join_sides(*turns.sides / self.scatter[self._classes(columns)].T)
 
+    def unlimited(self, columns: Columns) -> FloatArray:
+        """(N,) as the median view shows them, where no place is limited to `MOST_SIGMAS`.
+
+        It tells a plume from what lies beside it: where a plume is strong both reach the limit.
+        """
+        samples = _sample_axes(self.filters, columns)
+        turns = _sum_heights(samples.sigmas, samples.weight, len(columns))
+        return self._in_scatter(turns, columns).median
+
     def expected(self, columns: Columns, size_px: float) -> FloatArray:
         """(N,) sigmas that turns of that size would show on average.
 
@@ -209,7 +218,7 @@ class TurnScore:
 def view_turns(filters: TurnFilters, columns: Columns) -> ViewTurns:
     """What the views show of N columns, each height in sigmas of one place."""
     samples = _sample_axes(filters, columns)
-    return _sum_heights(samples.sigmas, samples.weight, len(columns))
+    return _sum_heights(samples.limited, samples.weight, len(columns))
 
 
 def _sample_axes(filters: TurnFilters, columns: Columns) -> TurnSamples:
