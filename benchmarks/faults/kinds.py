@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.cost import folder_mib
 from benchmarks.faults.changes import at_change, fail, kill
 from benchmarks.faults.trial import DisturbedRun, Whole, hurry
 
@@ -96,7 +97,7 @@ def _empty(path: Path) -> None:
 
 def fill_disk(whole: Whole, output: Path, tries: int) -> Iterator[Loss]:
     """A disk that is too small, and one that others fill while structure from motion writes."""
-    whole_kib = sum(p.stat().st_size for p in whole.folder.rglob("*") if p.is_file()) // 1024
+    whole_kib = round(folder_mib(whole.folder) * 1024)
     for share in np.linspace(0.02, 1.0, tries):
         yield _run_on_disk(whole, output, round(share * whole_kib), "")
     for delay_s in np.linspace(0.0, 0.6, tries):

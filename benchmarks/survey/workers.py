@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from unittest.mock import patch
 
+from benchmarks.common.cost import folder_mib
 from locate.map.plume import PlumeMap
 from locate.survey import engine
 from locate.survey.flights import FlightJob, RequestedFlight
@@ -130,13 +131,13 @@ def show(out: Path) -> None:
             print(f"{mode}: {name} failed: {why}")
         if not runs:
             continue
-        size = sum(sum(p.stat().st_size for p in run.rglob("*") if p.is_file()) for run in runs)
+        disk_mib = sum(map(folder_mib, runs))
         peak = max(line["peak_bytes"] for line in done)
         print(
             f"{mode}: {len(runs)} flights, wall {about['wall_s']:.0f} s at a load of "
             f"{about['load']:.1f}, {cpu_s / len(runs):.1f} CPU s a flight, parts begun "
             f"{len(notes) - len(done)} done {len(done)}, largest process {peak / MIB:.0f} MiB, "
-            f"{size / len(runs) / MIB:.1f} MiB a run folder"
+            f"{disk_mib / len(runs):.1f} MiB a run folder"
         )
         rates[mode] = len(runs) / about["wall_s"]
         for run in runs:
