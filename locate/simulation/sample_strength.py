@@ -12,5 +12,5 @@ def describe_sample_strength() -> str:
     return (
         f"The sample is simulated. Its leak bends light {truth['refractivity_gain']:.0f} times as "
         f"much as {leak.gas} of {leak.temperature_k:g} K from an opening {leak.radius_m:g} m in "
-        "radius does: real leaks are fainter (docs/accuracy.md)."
+        "radius does: real leaks are fainter, and locate plan says which can be found."
     )
