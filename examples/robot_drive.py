@@ -18,6 +18,7 @@ from rich.console import Console
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.recording import open_recording
+from locate.recording.opening import ANY_SIDE
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.robot import Locator, PlumeUpdate
 
@@ -55,7 +56,7 @@ def main(*, realtime: bool = False) -> list[PlumeUpdate]:
     poses = odometry(truth, np.random.default_rng(0))
     updates: list[PlumeUpdate] = []
     with Locator(truth.camera, threaded=realtime) as locator:
-        frames = open_recording(SAMPLE_VIDEO, max_side=1 << 16).frames()
+        frames = open_recording(SAMPLE_VIDEO, max_side=ANY_SIDE).frames()
         for frame, (pose, covariance) in zip(frames, poses, strict=True):
             stamp_ns = round(frame.time_s * NS)
             latest = locator.feed(frame.image, pose, covariance, stamp_ns)

@@ -27,10 +27,9 @@ from geometry.text_files import read_json
 from geometry.trajectory import Trajectory
 from locate.evaluation.api import evaluate
 from locate.recording import open_recording
+from locate.recording.opening import ANY_SIDE
 from locate.recording.writer import H264, create_video
 
-MAX_SIDE = 3840
-"""Of the film's frames, px: longer ones are reduced."""
 SHAKE_PX = 8
 """Most pixels by which a frame is shifted, either way."""
 GRAIN, GRAINS = 1.5, 8
@@ -66,7 +65,7 @@ def main(options: argparse.Namespace) -> None:
 def write_hover(film: Path, work: Path, count: int) -> Path:
     """The long video, and its truth beside it."""
     rng = np.random.default_rng(0)
-    recording = open_recording(film / "video.mkv", max_side=MAX_SIDE)
+    recording = open_recording(film / "video.mkv", max_side=ANY_SIDE)
     truth = read_json(film / "truth.json")
     trajectory = Trajectory.load(film / "truth.json")
     shown = np.arange(count) * len(trajectory) // count

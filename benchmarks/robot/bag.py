@@ -25,6 +25,7 @@ from benchmarks.common.cost import children_cpu_s, children_peak_mib
 from geometry.trajectory import Trajectory
 from locate.map.plume import PlumeMap
 from locate.recording import open_recording
+from locate.recording.opening import ANY_SIDE
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 
 NS = 1_000_000_000
@@ -80,7 +81,7 @@ def info(truth: Trajectory) -> Any:
 
 def messages(truth: Trajectory) -> Iterator[tuple[str, float, Any]]:
     yield "/camera/camera_info", 0.0, info(truth)
-    for row, frame in enumerate(open_recording(SAMPLE_VIDEO, max_side=1 << 16).frames()):
+    for row, frame in enumerate(open_recording(SAMPLE_VIDEO, max_side=ANY_SIDE).frames()):
         height, width = frame.image.shape
         yield "/pose", frame.time_s, pose(truth, row, frame.time_s)
         image = made(

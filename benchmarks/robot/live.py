@@ -26,6 +26,7 @@ from detect.registry import make_detector
 from geometry.arrays import FloatArray, GreyImage
 from geometry.trajectory import Trajectory
 from locate.recording import open_recording
+from locate.recording.opening import ANY_SIDE
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.robot import Locator, LocatorSettings
 
@@ -54,7 +55,7 @@ class Timed:
 
 
 def drive(truth: Trajectory) -> Iterator[tuple[GreyImage, FloatArray]]:
-    images = [frame.image for frame in open_recording(SAMPLE_VIDEO, max_side=1 << 16).frames()]
+    images = [frame.image for frame in open_recording(SAMPLE_VIDEO, max_side=ANY_SIDE).frames()]
     rows = [*range(len(images)), *reversed(range(len(images)))]
     for row in cycle(np.repeat(rows, SHOWN)):
         pose = np.eye(4)

@@ -26,6 +26,7 @@ from locate.map.plume import Plume
 from locate.pipeline.config import DetectorName, RunConfig
 from locate.pipeline.run import Run
 from locate.recording import open_recording
+from locate.recording.opening import ANY_SIDE
 from locate.recording.sample import SAMPLE, SAMPLE_VIDEO
 from locate.robot import Locator, LocatorSettings
 
@@ -54,7 +55,7 @@ def online(video: Path, truth: Trajectory, detector: str, settings: LocatorSetti
         threaded=False,
     )
     rows = {int(index): row for row, index in enumerate(truth.indices)}
-    for frame in open_recording(video, max_side=1 << 16).frames():
+    for frame in open_recording(video, max_side=ANY_SIDE).frames():
         row, pose = rows[frame.index], np.eye(4)
         pose[:3, :3], pose[:3, 3] = truth.rotations[row].T, truth.centers_in_world[row]
         locator.feed(frame.image, pose, np.diag(SIGMAS**2), round(frame.time_s * NS))
