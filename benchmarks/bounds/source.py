@@ -15,14 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common.csv_tables import DOCS, Row, write_table
-from benchmarks.common.evidence import (
-    NO_FAULTS,
-    ColumnTruth,
-    EvidenceFaults,
-    make_faulty_views,
-    orbit_trajectory,
-    random_column,
-)
 from benchmarks.peers.blobs import Blobs
 from benchmarks.peers.triangulation import triangulate_marks
 from geometry.arrays import FloatArray
@@ -30,6 +22,14 @@ from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
+from locate.simulation.evidence import (
+    NO_FAULTS,
+    ColumnTruth,
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
 
 FIRST = 6300
 ARC_DEG, VIEWS = 60.0, 16

@@ -9,7 +9,6 @@ import pytest
 from benchmarks.bounds.displacement import displacement_bound
 from benchmarks.bounds.source import draw, source_bound
 from benchmarks.common.csv_tables import Row, read_table, write_table
-from benchmarks.common.evidence import NO_FAULTS, ColumnTruth, EvidenceFaults
 from benchmarks.common.turns import costs_of
 from benchmarks.peers.blobs import Blobs
 from benchmarks.peers.compare import losses_of
@@ -18,6 +17,7 @@ from benchmarks.peers.triangulation import triangulate_marks
 from benchmarks.peers.visual_hull import carve
 from detect.differential import LeastSquaresWindow
 from locate.fusion.views import Views
+from locate.simulation.evidence import NO_FAULTS, ColumnTruth, EvidenceFaults
 
 
 @pytest.fixture(scope="module")

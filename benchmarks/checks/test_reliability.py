@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.common.evidence import orbit_trajectory
 from benchmarks.reliability.answers import TruePlume, axis_of
 from benchmarks.reliability.outcomes import (
     Candidate,
@@ -35,6 +34,7 @@ from detect.calibration import fit_logistic
 from detect.synthesis.split import split_of_photo
 from geometry.arrays import FloatArray
 from locate.fusion.matched.probability import OFFSET, PER_LOG_NAT, PER_SIGMA
+from locate.simulation.evidence import orbit_trajectory
 from locate.simulation.scene import PlumeSpec
 
 NEAR, FAR = 0.1, 0.3

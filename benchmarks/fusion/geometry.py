@@ -15,7 +15,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common.evidence import (
+from geometry.errors import BadInputError
+from locate.fusion.fuse import fuse
+from locate.fusion.search.null import NullLevel
+from locate.fusion.views import Views
+from locate.simulation.evidence import (
     RANGE_M,
     ColumnTruth,
     add_plume,
@@ -23,10 +27,6 @@ from benchmarks.common.evidence import (
     orbit_trajectory,
     random_column,
 )
-from geometry.errors import BadInputError
-from locate.fusion.fuse import fuse
-from locate.fusion.search.null import NullLevel
-from locate.fusion.views import Views
 
 
 def fuse_draw(

@@ -14,18 +14,18 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common.cost import peak_mib
-from benchmarks.common.evidence import (
+from benchmarks.growth.run import exponent
+from detect.kinds import CLUTTER_NATS
+from geometry.arrays import FloatArray
+from geometry.errors import BadInputError
+from locate.fusion.fuse import fuse
+from locate.simulation.evidence import (
     ColumnTruth,
     add_plume,
     make_faulty_views,
     orbit_trajectory,
     random_column,
 )
-from benchmarks.growth.run import exponent
-from detect.kinds import CLUTTER_NATS
-from geometry.arrays import FloatArray
-from geometry.errors import BadInputError
-from locate.fusion.fuse import fuse
 
 VIEWS, ARC_DEG = 16, 60.0
 YARD_M = np.array([[-4.0, 4.0], [-3.0, 5.0]])

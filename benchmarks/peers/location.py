@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common.csv_tables import DOCS, Row, write_table
-from benchmarks.common.evidence import RANGE_M, make_faulty_views, orbit_trajectory
 from benchmarks.fusion.geometry import draw_views
 from benchmarks.peers.blobs import Blobs, SourceEstimate
 from benchmarks.peers.location_tally import Case, Tally
@@ -34,6 +33,7 @@ from locate.fusion.fuse import fuse
 from locate.fusion.views import Views
 from locate.pipeline.detections import load_detections
 from locate.pipeline.files import RunFiles
+from locate.simulation.evidence import RANGE_M, make_faulty_views, orbit_trajectory
 
 FIRST = 6300
 ARC_DEG, VIEWS = 60.0, 16

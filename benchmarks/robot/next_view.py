@@ -2,7 +2,7 @@
 
     python -m benchmarks.robot next-view --scenes 20
 
-Exact evidence, spoilt on purpose (see `benchmarks.common.evidence`). Every robot begins with the
+Exact evidence, spoilt on purpose (see `locate.simulation.evidence`). Every robot begins with the
 same eight views on a short arc. Then one takes, of a grid of places, the one that `suggest` ranks
 first; the others take the same places lane by lane, one with the camera fixed, one turning it to
 the plume. As in a `Locator`, all views are searched where enough are new, and the plume is followed
@@ -15,13 +15,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common.evidence import (
-    ColumnTruth,
-    EvidenceFaults,
-    make_faulty_views,
-    orbit_trajectory,
-    random_column,
-)
 from geometry.arrays import FloatArray
 from geometry.trajectory import Trajectory
 from locate.fusion.fuse import fuse
@@ -36,6 +29,13 @@ from locate.robot.fixed_lag_smoother import FixedLagSmoother
 from locate.robot.next_view import rank_poses
 from locate.robot.settings import LocatorSettings
 from locate.simulation.camera_paths import look_at
+from locate.simulation.evidence import (
+    ColumnTruth,
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
 
 GOAL_M = 0.05
 FIRST_VIEWS, MOST_VIEWS = 8, 40

@@ -3,7 +3,7 @@
     python -m benchmarks.robot update --views 5000
 
 A column of air is searched in 32 views of exact evidence, spoilt on purpose (see
-`benchmarks.common.evidence`), then followed through as many more as asked for, there and back
+`locate.simulation.evidence`), then followed through as many more as asked for, there and back
 along the same arc. The time of an update is that of sighting the axis and of solving the graph.
 """
 
@@ -13,12 +13,6 @@ from itertools import cycle
 
 import numpy as np
 
-from benchmarks.common.evidence import (
-    EvidenceFaults,
-    make_faulty_views,
-    orbit_trajectory,
-    random_column,
-)
 from locate.fusion.fuse import fuse
 from locate.fusion.search.null import NullLevel
 from locate.fusion.views import Views
@@ -26,6 +20,12 @@ from locate.messages.poses import StampedPose
 from locate.messages.stamps import NS_PER_S
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
+from locate.simulation.evidence import (
+    EvidenceFaults,
+    make_faulty_views,
+    orbit_trajectory,
+    random_column,
+)
 
 KEPT = 32
 NULL = NullLevel.from_draws([10.0, 14.0, 12.0])

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from geometry.arrays import FloatArray
 from geometry.sfm.gauge import MAX_SLOPE_DEG, normalising_transform
 from geometry.trajectory import Trajectory
-from tests.simulated_evidence import orbit_trajectory
+from locate.simulation.evidence import orbit_trajectory
 
 DISTANCE_M = 8.5
 

@@ -7,7 +7,7 @@ import pytest
 
 from geometry.stray_poses import stray_rows
 from geometry.trajectory import Trajectory
-from tests.simulated_evidence import orbit_trajectory
+from locate.simulation.evidence import orbit_trajectory
 
 
 def with_centers(centers: np.ndarray) -> Trajectory:

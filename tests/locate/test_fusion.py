@@ -23,8 +23,7 @@ from locate.fusion.source.measure import refine_axis
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.pipeline.map_notes import empty_frames_notes, hidden_note
-from tests.locate.answers import plume as any_plume
-from tests.simulated_evidence import (
+from locate.simulation.evidence import (
     NO_FAULTS,
     ColumnTruth,
     EvidenceFaults,
@@ -32,6 +31,7 @@ from tests.simulated_evidence import (
     orbit_trajectory,
     random_column,
 )
+from tests.locate.answers import plume as any_plume
 
 
 def as_column(truth: ColumnTruth) -> PlumeColumn:

@@ -5,7 +5,7 @@ import pytest
 
 from detect.response import Response
 from locate.fusion.limit import AMPLITUDES_PX, detection_limit_px, expected_llr
-from tests.simulated_evidence import NO_FAULTS, make_faulty_views, orbit_trajectory
+from locate.simulation.evidence import NO_FAULTS, make_faulty_views, orbit_trajectory
 
 
 @pytest.fixture(scope="module")

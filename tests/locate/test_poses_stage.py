@@ -14,7 +14,7 @@ from locate.pipeline.config import RunConfig
 from locate.pipeline.files import RunFiles
 from locate.pipeline.source import RecordingSource
 from locate.recording import KeyFrame, KeyFrames
-from tests.simulated_evidence import orbit_trajectory
+from locate.simulation.evidence import orbit_trajectory
 
 LOST = "key frames 7 and 8 share 41 features (needs 100)"
 

@@ -6,7 +6,7 @@ import pytest
 from locate.fusion.axis.sightings import find_bending_sign, sight_axis
 from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.views import Views
-from tests.simulated_evidence import NO_FAULTS, make_faulty_views, orbit_trajectory, random_column
+from locate.simulation.evidence import NO_FAULTS, make_faulty_views, orbit_trajectory, random_column
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from locate.pipeline.detections import load_detections
 from locate.pipeline.side_by_side import FEWEST_FRAMES, affordable_jobs, measure_side_by_side
 from locate.recording.images import write_png
 from locate.recording.posed_frames import PosedFrames
-from tests.simulated_evidence import orbit_trajectory
+from locate.simulation.evidence import orbit_trajectory
 
 SHAPE = (240, 320)
 FRAMES = 3 * FEWEST_FRAMES + 2

@@ -25,7 +25,7 @@ from locate.fusion.matched.score import SHARED, TurnScore, join_sides
 from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
 from locate.map.plume import Plume
-from tests.simulated_evidence import (
+from locate.simulation.evidence import (
     NO_FAULTS,
     ColumnTruth,
     make_faulty_views,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from locate.fusion.views import Views
-from tests.simulated_evidence import (
+from locate.simulation.evidence import (
     ColumnTruth,
     EvidenceFaults,
     make_faulty_views,

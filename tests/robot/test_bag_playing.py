@@ -20,8 +20,8 @@ from locate.messages.stamps import NS_PER_S
 from locate.messages.wiring import Wiring
 from locate.robot import LocatorSettings
 from locate.robot.bag_playing import locate_in_bag
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import Oracle, moments
-from tests.simulated_evidence import ColumnTruth
 
 UNDECIDED = LocatorSettings(lag=1, views_kept=16, null_draws=2, drift=False, views_a_decision=1000)
 MOUNT = np.eye(4)

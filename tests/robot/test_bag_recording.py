@@ -27,9 +27,9 @@ from locate.pipeline.publish import _write_bag
 from locate.pipeline.run import Run
 from locate.recording import KeyFrames
 from locate.recording.bag import BagRecording
+from locate.simulation.evidence import orbit_trajectory
 from tests.robot.test_bag_playing import MOUNT, MessageRecorder
 from tests.robot.test_next_view import plume
-from tests.simulated_evidence import orbit_trajectory
 
 COUNT, RATE_HZ = 12, 10
 ODOMETRY = "nav_msgs/msg/Odometry"

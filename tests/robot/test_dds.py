@@ -21,9 +21,9 @@ from locate.robot import LocatorSettings
 from locate.robot.control import NodeControl
 from locate.robot.dds import DdsNode, TopicNames
 from locate.robot.dds_transport import DdsTransport
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import Oracle
 from tests.robot.test_bag_playing import MessageRecorder
-from tests.simulated_evidence import ColumnTruth
 
 # What ROS itself warns of is not ours to repair.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")

@@ -11,7 +11,7 @@ from locate.messages.poses import StampedPose
 from locate.messages.stamps import NS_PER_S
 from locate.robot.drift import SharedError
 from locate.robot.fixed_lag_smoother import FixedLagSmoother
-from tests.simulated_evidence import ColumnTruth
+from locate.simulation.evidence import ColumnTruth
 
 KEPT = 8
 

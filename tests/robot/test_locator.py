@@ -17,8 +17,8 @@ from locate.robot import Locator, LocatorSettings, PlumeUpdate, TrackState
 from locate.robot.engine import PlumeEngine
 from locate.robot.search import LocalPlumeSearch
 from locate.robot.window import FrameWindow, WindowFrame
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import BLANK, Oracle, moments
-from tests.simulated_evidence import ColumnTruth
 
 QUICK = LocatorSettings(lag=2, views_kept=16, null_draws=2, drift=False)
 UNDECIDED = replace(QUICK, views_a_decision=1000, lag=0)

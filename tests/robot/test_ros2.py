@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from locate.fusion.views import Views
 from locate.messages.stamps import NS_PER_S
 from locate.messages.transforms import ros_covariance
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import Moment, Oracle, moments
-from tests.simulated_evidence import ColumnTruth
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 if os.environ.get("ROS_REQUIRED"):

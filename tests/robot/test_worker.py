@@ -17,8 +17,8 @@ from locate.robot import Locator, LocatorSettings, TrackState
 from locate.robot.drift import SharedError
 from locate.robot.search import LocalPlumeSearch
 from locate.robot.worker import DetectorWorker, PlumeSearchWorker
+from locate.simulation.evidence import ColumnTruth
 from tests.robot.drive import BLANK, Oracle, moments
-from tests.simulated_evidence import ColumnTruth
 
 QUICK = LocatorSettings(lag=2, views_kept=16, null_draws=2, drift=False)
 NOTHING_SHARED = SharedError.from_poses([])

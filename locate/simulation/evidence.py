@@ -1,4 +1,8 @@
-"""A scene of planes with one column of warm air in it: exact evidence without any image."""
+"""The evidence of a column of warm air before planes, computed without any image.
+
+What fusion and the robot's loop are tried with in seconds: a ground (z = 0), a wall behind the
+column, cameras on an arc, and the faults of a detector and of poses. World: metres, Z up.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -11,14 +15,26 @@ from geometry.trajectory import Trajectory
 from locate.fusion.views import Views, correlation_area
 
 RANGE_M = 8.5
+"""Of the cameras from the origin."""
 WALL_M = 6.0
+"""World y of the wall."""
 MOST_BENT_PX, BENT_AT_RADII = 1.0, 0.45
+"""The largest displacement across a column, and where it is, in radii from the axis."""
 SIGMA_PX = 0.1
+"""Stated standard deviation of a displacement."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvidenceFaults:
-    """What goes wrong between a true mask and the evidence of a detector."""
+    """What goes wrong between true masks and poses and what fusion is given.
+
+    Attributes:
+        flipped_pixels: Share of the pixels whose evidence is wrong.
+        missed_views: Share of the views that do not see the column.
+        false_blobs: Share of the views with evidence somewhere else.
+        position_sigma_m: Standard deviation of a camera's place along each axis.
+        rotation_sigma_deg: Of its rotation about each axis.
+    """
 
     flipped_pixels: float = 0.10
     missed_views: float = 0.30
@@ -34,7 +50,15 @@ NO_FAULTS = EvidenceFaults(
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnTruth:
-    """A slanted, widening column that rises from `source`."""
+    """A slanted, widening column.
+
+    Attributes:
+        source: (3,) where it begins, world, m.
+        slope: (2,) world X and Y that its axis gains per metre of height.
+        height: Along world Z, m.
+        radius: At the source, m.
+        opening: What the radius gains per metre of height.
+    """
 
     source: FloatArray
     slope: FloatArray
@@ -129,28 +153,35 @@ def make_faulty_views(
     truth: ColumnTruth | None,
     trajectory: Trajectory,
     rng: np.random.Generator,
-    corruption: EvidenceFaults = EvidenceFaults(),
+    faults: EvidenceFaults = EvidenceFaults(),
 ) -> Views:
-    """Evidence of a detector with these faults, and poses with these errors."""
+    """The evidence of a detector with these faults, and poses with these errors.
+
+    Args:
+        truth: The column; None for a scene without one.
+        trajectory: The true one.
+        rng: Of the faults and of the column's shape in each view.
+        faults: How often and how far each goes wrong.
+    """
     shape = (trajectory.camera.height, trajectory.camera.width)
     maps = []
     displacement = np.zeros((len(trajectory), *shape, 2), np.float32)
     for i in range(len(trajectory)):
-        if truth is not None and rng.random() >= corruption.missed_views:
+        if truth is not None and rng.random() >= faults.missed_views:
             displacement[i, ..., 0] = _column_displacement(trajectory, i, truth, rng)
         mask = displacement[i, ..., 0] != 0
-        if rng.random() < corruption.false_blobs:
+        if rng.random() < faults.false_blobs:
             blob = np.zeros(shape, np.uint8)
             center = rng.integers([0, 0], shape[::-1])
             axes = rng.integers(6, 25, 2)
             cv2.ellipse(blob, center.tolist(), axes.tolist(), rng.uniform(0, 180), 0, 360, 1, -1)
             mask |= blob.astype(bool)
-        mask ^= rng.random(shape) < corruption.flipped_pixels
+        mask ^= rng.random(shape) < faults.flipped_pixels
         maps.append(np.where(mask, 2.0, -0.5).astype(np.float32))
     inverse_depth = [_inverse_depth(trajectory, i) for i in range(len(trajectory))]
     llr = np.stack(maps)
     return Views(
-        trajectory=_perturb_poses(trajectory, rng, corruption),
+        trajectory=_perturb_poses(trajectory, rng, faults),
         llr=llr,
         inverse_depth=np.stack(inverse_depth).astype(np.float32),
         displacement=displacement,
@@ -159,17 +190,39 @@ def make_faulty_views(
     )
 
 
+def add_plume(
+    views: Views, truth: ColumnTruth, trajectory: Trajectory, rng: np.random.Generator
+) -> Views:
+    """The views with one plume more, before those that they show.
+
+    Args:
+        views: Of `make_faulty_views`.
+        truth: The plume; some views miss it.
+        trajectory: The true one.
+        rng: Of its faults and its shape.
+    """
+    one_fault = EvidenceFaults(flipped_pixels=0, false_blobs=0)
+    other = make_faulty_views(truth, trajectory, rng, one_fault)
+    llr = np.where(other.llr > 0, other.llr, views.llr)
+    return replace(
+        views,
+        llr=llr,
+        displacement=views.displacement + other.displacement,
+        correlation_px2=correlation_area(llr),
+    )
+
+
 def _perturb_poses(
-    trajectory: Trajectory, rng: np.random.Generator, corruption: EvidenceFaults
+    trajectory: Trajectory, rng: np.random.Generator, faults: EvidenceFaults
 ) -> Trajectory:
     n = len(trajectory)
-    turn = np.deg2rad(corruption.rotation_sigma_deg)
+    turn = np.deg2rad(faults.rotation_sigma_deg)
     rotations = (
         np.array([cv2.Rodrigues(rng.normal(0, turn + 1e-12, 3))[0] for _ in range(n)])
         @ trajectory.rotations
     )
-    centers = trajectory.centers_in_world + rng.normal(0, corruption.position_sigma_m, (n, 3))
-    variances = np.repeat([turn**2, corruption.position_sigma_m**2], 3) + 1e-12
+    centers = trajectory.centers_in_world + rng.normal(0, faults.position_sigma_m, (n, 3))
+    variances = np.repeat([turn**2, faults.position_sigma_m**2], 3) + 1e-12
     return replace(
         trajectory,
         rotations=rotations,
