@@ -35,7 +35,7 @@ FEATURES_SHARE = 0.12
 """Of the time of poses, what grows with the pixels: finding features."""
 REFERENCE_S = 0.065
 """CPU s of `_work_once` on that machine."""
-TRIES = 5
+TRIES = 3
 """Of `_work_once`; the fastest counts."""
 DECODED_FRAMES = 20
 """Frames that are decoded to see what one costs."""
@@ -130,9 +130,11 @@ def _choosing_s(recording: Recording, count: int, max_frames: int, look_s: float
     written_s = min(count, max_frames) * read_s
     if not recording.is_video:
         return count * (read_s + look_s) + written_s
-    decoded_s = min(read_s, _seconds_a_frame(recording, every=DECODED_FRAMES))
-    looked_at = count / looked_step(count, max_frames)
-    return count * decoded_s + looked_at * (read_s - decoded_s + look_s) + written_s
+    step = looked_step(count, max_frames)
+    decoded_s = read_s
+    if step > 1:
+        decoded_s = min(read_s, _seconds_a_frame(recording, every=DECODED_FRAMES))
+    return count * decoded_s + count / step * (read_s - decoded_s + look_s) + written_s
 
 
 def _seconds_a_frame(recording: Recording, *, every: int) -> float:
