@@ -1,5 +1,6 @@
 """Key frames: even in image motion, sharp, bounded in number."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from geometry.reports import Report
 from locate.recording.images import write_png
 from locate.recording.index import FULL_SIZE, KeyFrame, KeyFrames
 from locate.recording.motion import make_thumbnail, median_motion
-from locate.recording.recording import Recording
+from locate.recording.recording import Frame, Recording
 from locate.recording.spacing import avoid_b_frames
 from locate.recording.watching import THUMBNAIL_SIDE, watch_recording
 
@@ -76,7 +77,8 @@ def select_frames(
         chosen = [wanted[row] for row in rows]
     thinned = _note_thinned(recording, len(wanted), len(chosen), still=still)
     full = recording.sizes.has_full_size and not still
-    kept = _write_frames(recording, chosen, folder, progress, full=full)
+    frames = watched.memory.find(chosen) or recording.frames_again(chosen)
+    kept = _write_frames(recording, chosen, frames, folder, progress, full=full)
     return KeyFrames(
         frames=tuple(kept),
         width=recording.width,
@@ -138,6 +140,7 @@ def _at_rest(frames: list[KeyFrame], count: int, *, in_time: bool) -> list[KeyFr
 def _write_frames(
     recording: Recording,
     chosen: list[KeyFrame],
+    frames: Iterable[Frame],
     folder: Path,
     progress: Report | None,
     *,
@@ -151,14 +154,18 @@ def _write_frames(
     written: list[KeyFrame] = []
     previous: GreyImage | None = None
     scale = max(1.0, max(recording.width, recording.height) / THUMBNAIL_SIDE)
-    for frame in recording.frames_again(chosen):
+    for frame in frames:
         key = wanted[frame.index]
         _, encoded = cv2.imencode(".png", frame.image)
         (folder / key.name).write_bytes(encoded.tobytes())
         if full:
             write_png(folder / FULL_SIZE / key.name, recording.full_size(frame))
         thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
-        motion_px = 0.0 if previous is None else median_motion(previous, thumb) * scale
+        motion_px = 0.0
+        if previous is not None:
+            # The motion since the frame just before is known.
+            is_next = key.index == written[-1].index + 1
+            motion_px = key.motion_px if is_next else median_motion(previous, thumb) * scale
         written.append(replace(key, motion_px=motion_px))
         previous = thumb
         if progress:

@@ -7,6 +7,7 @@ import numpy as np
 from geometry.arrays import GreyImage
 from geometry.errors import BadInputError
 from geometry.reports import Report
+from locate.recording.frame_memory import FrameMemory
 from locate.recording.index import KeyFrame
 from locate.recording.motion import (
     LEAST_TEXTURE,
@@ -54,12 +55,14 @@ class WatchedShot:
         spaced: Those of them that are even in image motion.
         still: The camera did not move.
         notes: What of the recording is left out.
+        memory: The frames themselves, where the recording is short.
     """
 
     frames: list[KeyFrame]
     spaced: list[KeyFrame]
     still: bool
     notes: tuple[str, ...]
+    memory: FrameMemory
 
 
 class _Shot:
@@ -138,7 +141,8 @@ def watch_recording(
     Raises:
         BadInputError: Fewer than two frames, or fewer than two that show anything; no such shot.
     """
-    shots = _watch_shots(recording, target_motion, max_frames, progress)
+    memory = FrameMemory()
+    shots = _watch_shots(recording, target_motion, max_frames, memory, progress)
     count = sum(len(shot.frames) for shot in shots)
     if count < 2:
         known = "".join(f"; {note}" for note in recording.warnings)
@@ -159,11 +163,15 @@ def watch_recording(
         *_shots_note(shots, used, chosen=shot is not None),
         *_faint_note(recording, used.frames, frames),
     )
-    return WatchedShot(frames=frames, spaced=spaced, still=still, notes=notes)
+    return WatchedShot(frames=frames, spaced=spaced, still=still, notes=notes, memory=memory)
 
 
 def _watch_shots(
-    recording: Recording, target_motion: float, max_frames: int, progress: Report | None
+    recording: Recording,
+    target_motion: float,
+    max_frames: int,
+    memory: FrameMemory,
+    progress: Report | None,
 ) -> list[_Shot]:
     shots = [_Shot(target_motion, is_video=recording.is_video)]
     cuts = CutFinder()
@@ -184,6 +192,7 @@ def _watch_shots(
     looked_at = LookedAt(recording.expected_frames, max_frames, lambda: shots[-1].is_still)
     is_wanted = looked_at if recording.is_video else every_frame
     for count, frame in enumerate(recording.frames(is_wanted), start=1):
+        memory.add(frame)
         thumb = make_thumbnail(frame.image, THUMBNAIL_SIDE)
         texture = measure_texture(thumb)
         step_px = 0.0 if previous is None else median_motion(previous, thumb)
