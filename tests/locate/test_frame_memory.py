@@ -1,4 +1,4 @@
-"""Tests of `locate.recording.frame_memory`: a short recording is decoded once, to the same frames."""
+"""Tests of `locate.recording.frame_memory`: a short recording is decoded once."""
 
 from pathlib import Path
 
