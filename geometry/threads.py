@@ -1,6 +1,7 @@
-"""One thread for linear algebra and images: sums in one order, and no idle threads that spin."""
+"""One thread within linear algebra and images, and threads of our own beside each other."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -9,6 +10,8 @@ from threadpoolctl import threadpool_limits
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
+Other = TypeVar("Other")
+Item = TypeVar("Item")
 
 
 def with_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -32,3 +35,28 @@ def with_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result
             cv2.setNumThreads(threads)
 
     return run_limited
+
+
+def call_both(
+    jobs: int, first: Callable[[], Result], second: Callable[[], Other]
+) -> tuple[Result, Other]:
+    """What two functions return, called at the same time where there are several jobs.
+
+    For work of COLMAP and OpenCV, which leaves Python to other threads meanwhile.
+    """
+    if jobs < 2:
+        return first(), second()
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(second)
+        return first(), other.result()
+
+
+def map_by_threads(
+    jobs: int, function: Callable[[Item], Result], items: Iterable[Item]
+) -> Iterator[Result]:
+    """What a function returns for each item, in order, by so many threads; see `call_both`."""
+    if jobs < 2:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
+        yield from pool.map(function, items)

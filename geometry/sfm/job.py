@@ -48,6 +48,7 @@ class MappingJob:
         focal_prior_px: Focal length from metadata.
         ordered: Frames of a video.
         progress: Takes a stage and the share of it that is done.
+        jobs: Threads that work side by side; the result does not depend on it.
         pairs: Verified pairs, once they are known.
     """
 
@@ -61,6 +62,7 @@ class MappingJob:
     focal_prior_px: float | None
     ordered: bool
     progress: Report
+    jobs: int = 1
     pairs: Sequence[MatchedPair] = ()
 
     @property

@@ -7,6 +7,7 @@ from geometry.image_files import read_image
 from geometry.sfm import checks, features, track_matches, tracks
 from geometry.sfm.features import MatchedPair
 from geometry.sfm.job import MappingJob
+from geometry.threads import call_both
 
 
 def pair_by_tracks(job: MappingJob) -> list[MatchedPair]:
@@ -17,9 +18,12 @@ def pair_by_tracks(job: MappingJob) -> list[MatchedPair]:
     """
     if "FISHEYE" in job.start.model_name:
         raise tracks.BrokenTracksError("no epipolar line is straight in a fisheye")
-    frames = tracks.follow_features(_images_of(job))
-    far = track_matches.match_far_frames(
-        job.workdir / "far.db", job.image_dir, job.names, job.start
+    frames, far = call_both(
+        job.jobs,
+        lambda: tracks.follow_features(_images_of(job)),
+        lambda: track_matches.match_far_frames(
+            job.workdir / "far.db", job.image_dir, job.names, job.start
+        ),
     )
     track_matches.write_tracks(
         job.database,
@@ -28,6 +32,7 @@ def pair_by_tracks(job: MappingJob) -> list[MatchedPair]:
         frames,
         far,
         lambda share: job.progress("matching features", share),
+        jobs=job.jobs,
     )
     return features.read_pairs(job.database, job.names)
 

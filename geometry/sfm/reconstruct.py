@@ -4,6 +4,7 @@ import errno
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from geometry.sfm import checks, features, mapping, pairing, result, summary, tr
 from geometry.sfm.covariance import AdjustmentErrors, TiedBy
 from geometry.sfm.gauge import normalising_transform
 from geometry.sfm.job import MappingJob, ProgressMeter
+from geometry.threads import call_both
 
 FATAL_ONLY = 3  # every other failure is reported through an exception
 
@@ -44,6 +46,7 @@ def reconstruct(
     workdir: Path,
     ordered: bool = True,
     by_tracks: bool = True,
+    jobs: int = 1,
     progress: Report | None = None,
 ) -> result.Reconstruction:
     """Estimates the pose of every frame, the camera, and a sparse set of points.
@@ -66,6 +69,7 @@ def reconstruct(
             other instead, up to 60; more are matched with those near them in the order of
             `names`, as a video is.
         by_tracks: Try tracks first.
+        jobs: Threads that work side by side; the result does not depend on it.
         progress: Called with a stage name and the fraction of the whole call, which never falls.
 
     Raises:
@@ -98,6 +102,7 @@ def reconstruct(
         focal_prior_px=focal_prior_px,
         ordered=ordered,
         progress=report_progress,
+        jobs=jobs,
     )
     with _colmap_errors(job.database):
         found = _solve_by_either(job) if by_tracks else _solve_by_sift(job)
@@ -156,11 +161,9 @@ def _solve(job: MappingJob, tied_by: TiedBy) -> result.Reconstruction:
 def _map_and_verify(job: MappingJob) -> _MappedModel:
     """Global mapping where a second method agrees with it, incremental mapping where not."""
     job.progress("mapping", 0.0)
-    models = mapping.map_globally(
-        job.database, job.image_dir, job.workdir / "global", refine_camera=job.refine
+    models, (subset, complete) = call_both(
+        job.jobs, partial(_map_globally, job), partial(_map_second_method, job)
     )
-    job.progress("mapping", 0.4)
-    subset, complete = _map_second_method(job)
     job.progress("mapping", 0.5)
     reasons = []
     if models and subset and _registered_share(models[0], job) >= checks.MIN_SHARE:
@@ -179,6 +182,12 @@ def _map_and_verify(job: MappingJob) -> _MappedModel:
             return _MappedModel(model=full[0], method="incremental", difference=difference)
         reasons.append("mapping all one by one differs as well")
     raise _failure_of(job, full or models, reasons)
+
+
+def _map_globally(job: MappingJob) -> list[pycolmap.Reconstruction]:
+    return mapping.map_globally(
+        job.database, job.image_dir, job.workdir / "global", refine_camera=job.refine
+    )
 
 
 def _map_second_method(job: MappingJob) -> tuple[list[pycolmap.Reconstruction], bool]:

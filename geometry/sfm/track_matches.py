@@ -6,6 +6,7 @@ or flies strip beside strip, nothing but SIFT ties it together: that is done for
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -22,6 +23,7 @@ from geometry.sfm.features import (
     two_view_options,
 )
 from geometry.sfm.tracks import TrackedFrame
+from geometry.threads import map_by_threads
 
 MIN_MATCHES = 30
 """Fewest tracks that two frames must share to be a pair."""
@@ -93,6 +95,8 @@ def write_tracks(
     frames: Sequence[TrackedFrame],
     far: FarMatches,
     on_share: Callable[[float], None],
+    *,
+    jobs: int = 1,
 ) -> None:
     """Writes frames and their tracks; frames 1, 2, 4, 8, ... steps apart become pairs.
 
@@ -106,6 +110,7 @@ def write_tracks(
         frames: N frames of tracks.
         far: SIFT matches of some of them.
         on_share: Called with the share of the pairs done.
+        jobs: Threads that find geometries side by side.
     """
     database.unlink(missing_ok=True)
     tracked = [(frame.pixels + HALF_PIXEL).astype(np.float32) for frame in frames]
@@ -116,10 +121,12 @@ def write_tracks(
             db.write_keypoints(ids[row], np.concatenate([points, more.astype(np.float32)]))
         pairs = list(_pairs_of_tracks(frames))
         seen = set()
-        for done, (first, second, matches) in enumerate(pairs):
+        geometries = map_by_threads(jobs, partial(_pair_geometry, camera, tracked), pairs)
+        for done, ((first, second, matches), geometry) in enumerate(
+            zip(pairs, geometries, strict=True)
+        ):
             if first == 0:
                 on_share(done / len(pairs))
-            geometry = _pair_geometry(camera, tracked[first], tracked[second], matches)
             if geometry is None:
                 continue
             seen.add((first, second))
@@ -189,11 +196,13 @@ def _write_images(
 
 
 def _pair_geometry(
-    camera: pycolmap.Camera, first: Keypoints, second: Keypoints, matches: Matches
+    camera: pycolmap.Camera, tracked: Sequence[Keypoints], pair: tuple[int, int, Matches]
 ) -> pycolmap.TwoViewGeometry | None:
-    """The geometry of a pair; None where its matches determine none."""
+    """The geometry of two rows of tracked frames; None where their matches determine none."""
+    first, second, matches = pair
     some = matches[:: max(1, len(matches) // GEOMETRY_MATCHES)]
+    from_px, to_px = tracked[first].astype(float), tracked[second].astype(float)
     geometry = pycolmap.estimate_two_view_geometry(
-        camera, first.astype(float), camera, second.astype(float), some, two_view_options()
+        camera, from_px, camera, to_px, some, two_view_options()
     )
     return None if geometry.config in UNUSABLE else geometry

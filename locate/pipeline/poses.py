@@ -41,6 +41,7 @@ def reconstruct_poses(
     files: RunFiles,
     target: RunFiles,
     report: Report,
+    jobs: int = 1,
 ) -> str:
     """Runs structure from motion on the key frames; returns a summary.
 
@@ -52,6 +53,7 @@ def reconstruct_poses(
         files: Where their images are.
         target: Where to write.
         report: Takes the progress.
+        jobs: Threads that work side by side; the result does not depend on it.
 
     Raises:
         RegistrationError: The frames could not be registered; the error says why.
@@ -70,6 +72,7 @@ def reconstruct_poses(
         lens=source.estimated_lens,
         workdir=target.sfm,
         ordered=key_frames.is_video,
+        jobs=jobs,
         name="structure from motion",
         report=lambda _, share: report("poses", share),
     )

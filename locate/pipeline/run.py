@@ -56,7 +56,7 @@ class Run:
         output: The run folder.
         force: Do every stage again.
         report: Takes the progress of each stage.
-        jobs: Processes that measure side by side; the results do not depend on it.
+        jobs: Processes and threads that work side by side; the results do not depend on it.
 
     Raises:
         BadInputError: Something given cannot be used.
@@ -180,7 +180,7 @@ class Run:
             if given is not None:
                 return poses.adopt_poses(given, key_frames, self.files, target)
             return poses.reconstruct_poses(
-                self.source, key_frames, self.files, target, self._report
+                self.source, key_frames, self.files, target, self._report, self._jobs
             )
 
         inputs = self.source.pose_inputs()

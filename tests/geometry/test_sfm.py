@@ -241,6 +241,18 @@ def test_a_dense_recording_is_tied_together_by_tracks(tmp_path: Path) -> None:
     assert np.degrees(np.median(off)) < 0.02
 
 
+def test_threads_beside_each_other_change_nothing(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    images = [render(ROOM, *pose) for pose in orbit(18, arc_deg=20.0)]
+    one = run(tmp_path / "one", images, camera=true_camera())
+    two = run(tmp_path / "two", images, camera=true_camera(), jobs=2)
+    assert one.report["tied_by"] == "tracks"
+    assert one.report == two.report
+    np.testing.assert_array_equal(one.trajectory.translations, two.trajectory.translations)
+    np.testing.assert_array_equal(one.points_in_world, two.points_in_world)
+
+
 def test_where_tracks_break_sift_matches_are_used(
     tmp_path: Path, room_images: list[np.ndarray]
 ) -> None:
