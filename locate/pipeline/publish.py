@@ -54,6 +54,7 @@ def publish(
     files: RunFiles,
     target: RunFiles,
     stages: Sequence[StageTime],
+    jobs: int = 1,
 ) -> str:
     """Writes the plumes for other programs and the report for people; returns a summary.
 
@@ -64,6 +65,7 @@ def publish(
         files: The run folder with its earlier stages.
         target: Where to write.
         stages: What the stages cost.
+        jobs: Threads that code the pictures of the report.
     """
     plume_map = PlumeMap.load(files.map)
     voxels = plume_voxels(files.evidence, plume_map)
@@ -112,6 +114,7 @@ def publish(
         video=target.overlay.name if target.overlay.exists() else None,
         stages=stages,
         settings=_stated_settings(source.config),
+        jobs=jobs,
     )
     written = f"{target.report.name}, {target.plume_points.name}"
     if source.config.poses is None and _write_bag(source, key_frames, plume_map, target.plume_bag):

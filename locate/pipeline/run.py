@@ -295,6 +295,7 @@ class Run:
                 files=self.files,
                 target=RunFiles(folder),
                 stages=self.folder.times,
+                jobs=self._jobs,
             ),
         )
         self._report("report", 1)

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from string import Template
 
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, Picture
+from geometry.threads import map_by_threads
 from locate.export.html import read_resource
 from locate.export.report import pictures
 from locate.map.plume import PlumeMap
@@ -34,27 +36,30 @@ class ReportFrame:
     source_px: FloatArray | None = None
 
 
-def frame_gallery(frames: Sequence[ReportFrame], plume_map: PlumeMap, video: str | None) -> str:
+def frame_gallery(
+    frames: Sequence[ReportFrame], plume_map: PlumeMap, video: str | None, jobs: int = 1
+) -> str:
     """HTML of all frames, with what chooses among them and a larger view of each.
 
     Args:
         frames: In order.
         plume_map: Whose plumes they saw.
         video: Name of the overlay video beside the page; None where there is none.
+        jobs: Threads that code the pictures.
     """
     if not frames:
         return "<p>No frames were kept for this page.</p>"
     displacements = [one.displacement for one in frames if one.displacement is not None]
     most_nats = pictures.full_scale_nats([frame.llr for frame in frames])
     most_px = pictures.full_scale_px(displacements)
-    figures = (_frame_figure(frame, plume_map, most_nats, most_px) for frame in frames)
+    figure = partial(_frame_figure, plume_map=plume_map, most_nats=most_nats, most_px=most_px)
     return Template(read_resource("report/frames.html")).substitute(
         gradient=", ".join(pictures.heat_stops()),
         most_nats=f"{most_nats:g}",
         most_px=f"{most_px:g}",
         unmeasured="" if displacements else "hidden",
         choices=_plume_choices(frames, plume_map),
-        figures="".join(figures),
+        figures="".join(map_by_threads(jobs, figure, frames)),
         video="" if video is None else _video_link(video),
     )
 

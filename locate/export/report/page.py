@@ -38,6 +38,7 @@ def write_report(
     settings: Mapping[str, str],
     notes: Sequence[str] = (),
     video: str | None = None,
+    jobs: int = 1,
 ) -> None:
     """Writes report.html, one file of 5 to 10 MB that needs no network.
 
@@ -53,6 +54,7 @@ def write_report(
         settings: Settings and versions, as the reader should see them.
         notes: Sentences for the section on limits, beside the notes of the map itself.
         video: Name of the overlay video beside the page; None where there is none.
+        jobs: Threads that code the pictures.
     """
     spatial = None
     if trajectory is not None:
@@ -69,7 +71,7 @@ def write_report(
         if spatial is None
         else _scene_section(spatial, evidence=len(voxels_in_world) > 0),
         "advice": _advice(plume_map),
-        "pictures": frame_gallery(frames, plume_map, video),
+        "pictures": frame_gallery(frames, plume_map, video, jobs),
         "table": _answer_table(plume_map),
         "earth": earth_section(plume_map, trajectory, points.in_world),
         "limits": list_items([*words.limits(plume_map, trajectory), *notes]),
