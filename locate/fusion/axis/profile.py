@@ -124,7 +124,7 @@ def measure_profile(
         return None
     pixel = trajectory.camera.project(in_cam)
     normal = _axis_normal(trajectory, i, points, column)
-    radii_px = trajectory.camera.focal_px * (column.radius + column.opening * heights) / depth
+    radii_px = trajectory.camera.focal_px * column.radii_at(heights) / depth
     radii_px = np.maximum(radii_px, LEAST_RADIUS_PX)
     sampled = pixel[:, None] + (radii_px[:, None] * REACH)[..., None] * normal
     x, y = np.moveaxis(sampled.astype(np.float32), -1, 0)

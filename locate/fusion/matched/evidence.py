@@ -56,7 +56,7 @@ def _predict_turn(views: Views, i: int, column: PlumeColumn) -> FloatMap:
     if (in_cam[:, 2] < NEAREST_DEPTH_UNITS * views.unit).any():
         return predicted
     axis = trajectory.camera.project(in_cam)
-    widths = column.radius + column.opening * np.clip(heights, 0, None)
+    widths = column.radii_at(heights)
     widths_px = trajectory.camera.focal_px * widths / in_cam[:, 2]
     tangent = axis[-1] - axis[0]
     tangent /= max(float(np.linalg.norm(tangent)), 1e-9)

@@ -87,6 +87,10 @@ class PlumeColumn:
         points: FloatArray = self.as_columns.axis_points(heights[None])[0]
         return points
 
+    def radii_at(self, heights: FloatArray) -> FloatArray:
+        """(S,) radii at (S,) heights; below the lowest point the radius it has there."""
+        return np.asarray(self.radius + self.opening * np.clip(heights, 0, None))
+
     def cut_slabs(self, heights: FloatArray, thickness: float) -> "Columns":
         """S columns cut from it, each `thickness` high, centred on the (S,) heights.
 
@@ -96,7 +100,7 @@ class PlumeColumn:
         low = heights - thickness / 2
         cut[:, [X, Y, Z]] = self.axis_points(low)
         cut[:, HEIGHT] = thickness
-        cut[:, RADIUS] = self.radius + self.opening * np.clip(low, 0, None)
+        cut[:, RADIUS] = self.radii_at(low)
         return Columns(cut)
 
     def on_line(self, line: FloatArray) -> Self:

@@ -106,7 +106,7 @@ def measure_plume(
     base = locate_base(views, column)
     source, covariance = locate_source(views, column, axis)
     heights = np.linspace(base.evidence_low, base.evidence_high, RADIUS_SAMPLES)
-    radii = column.radius + column.opening * np.clip(heights, 0, None)
+    radii = column.radii_at(heights)
     distances = (heights - (source[2] - axis.lowest)) * np.linalg.norm(axis.rise)
     saw = score_columns(views, column.as_columns)[:, 0] > VIEW_SAW_NATS
     return Plume(
