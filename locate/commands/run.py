@@ -249,7 +249,7 @@ def run(
         int | None,
         typer.Option(
             min=1,
-            help="Processes that measure side by side, fewer of large frames; else one a core.",
+            help="Processes and threads that work side by side; else one a core.",
             show_default=False,
         ),
     ] = None,

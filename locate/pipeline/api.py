@@ -27,7 +27,7 @@ def run(
         output: The run folder, made where it is missing.
         force: Do every stage again.
         report: Called with the name of a stage and the share of it that is done, from 0 to 1.
-        jobs: Processes that measure side by side; the results do not depend on it.
+        jobs: Processes and threads that work side by side; the results do not depend on it.
         settings: Attributes of `RunConfig`; they go before those of `recording`.
 
     Returns:
