@@ -7,7 +7,7 @@ import numpy as np
 
 from locate.fusion.axis.pairs import split_column
 from locate.fusion.search.columns import Columns, PlumeColumn
-from locate.fusion.search.fit import FINE_ROUNDS, random_search
+from locate.fusion.search.fit import ALL_ROUNDS, FINE_ROUNDS, random_search
 from locate.fusion.search.null import NullLevel
 from locate.fusion.search.score import column_evidence, mask_out
 from locate.fusion.source.measure import find_axis, measure_plume
@@ -132,6 +132,8 @@ def single_plume(
     null: NullLevel,
     level: float,
     rng: np.random.Generator,
+    *,
+    rounds: range = ALL_ROUNDS,
 ) -> list[Plume]:
     """The plume that a column is; none where it is none.
 
@@ -142,8 +144,9 @@ def single_plume(
         null: What chance makes.
         level: What a plume needs, nats.
         rng: Of the search.
+        rounds: Of the search: fewer stay nearer.
     """
-    measured = find_axis(others_masked, column, rng)
+    measured = find_axis(others_masked, column, rng, rounds=rounds)
     if measured is None or (strength := _nats_of(stronger_masked, measured[0])) < level:
         return []
     return [measure_plume(others_masked, *measured, null.false_alarm(strength))]

@@ -9,6 +9,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.grid import EvidenceGrid, VoxelBox
 from locate.fusion.extract import drop_known, extract_plumes, find_far_columns
+from locate.fusion.joint import JointColumns, measure_together
 from locate.fusion.search.columns import Columns
 from locate.fusion.search.fit import fit_columns
 from locate.fusion.search.null import CLEAR_FACTOR, FALSE_ALARM, NullLevel
@@ -19,6 +20,8 @@ from locate.map.plume import Plume
 
 NULL_SHARE = 0.8
 """Share of fusion's time that the draws of chance take, for the progress that is reported."""
+JOINT_STREAM = 1
+"""Of the random numbers of the joint search, so that those of the rest are the same without it."""
 REMNANT_SHARE = 0.1
 """Share of a plume's evidence that columns beside it may keep once it is masked out; chosen by
 hand."""
@@ -54,6 +57,7 @@ def fuse(
     found and masked out. Columns far from it that reach the new level are plumes as well if they
     have at least a tenth of its evidence; weaker ones may be what masking left of it. Where
     `least_nats` states what clutter makes, all far columns above it are masked out of that draw.
+    Where columns fitted together are more plumes, they are taken instead (`JointColumns`).
 
     Args:
         views: The evidence.
@@ -89,6 +93,14 @@ def fuse(
     if null is None:
         plumes, level_nats = _add_far_plumes(
             plumes, columns, views=views, masked=masked, threshold=threshold, level_nats=level_nats
+        )
+        plumes, level_nats = _try_jointly(
+            plumes,
+            columns,
+            views,
+            threshold,
+            level_nats,
+            np.random.default_rng([seed, JOINT_STREAM]),
         )
     progress(1.0)
     return FusionResult(plumes=number_plumes(plumes), grid=grid, threshold_nats=level_nats)
@@ -163,6 +175,42 @@ def _add_far_plumes(
     level_nats = threshold.nats(null)
     more, _ = extract_plumes(masked, far, null, max(level_nats, floor_nats), threshold.rng)
     return plumes + drop_known(more, plumes, views.unit), level_nats
+
+
+def _try_jointly(
+    plumes: list[Plume],
+    columns: Columns,
+    views: Views,
+    threshold: _Threshold,
+    level_nats: float,
+    rng: np.random.Generator,
+) -> tuple[list[Plume], float]:
+    """The plumes, or those that columns fitted together are, where these are more; and the level.
+
+    One plume is what it is without this.
+
+    Args:
+        plumes: Found one by one.
+        columns: All that were fitted.
+        views: The evidence.
+        threshold: What a column needs.
+        level_nats: That by which the plumes were found.
+        rng: Of the searches.
+    """
+    fewest = max(len(plumes), 1)
+    strong_nats = threshold.least_nats or level_nats
+    together = JointColumns.search(views, columns, threshold.box, rng, least_nats=strong_nats)
+    if len(together) <= fewest:
+        return plumes, level_nats
+    candidates = together.candidates(threshold.least_nats)
+    if len(candidates) <= fewest:
+        return plumes, level_nats
+    rest = together.all_masked()
+    null = replace(threshold, rng=rng).draw_null(rest)
+    found = measure_together(candidates, null, rest.correlation_px2, threshold.nats, rng)
+    if len(found) <= fewest:
+        return plumes, level_nats
+    return found, threshold.nats(null.scaled(rest.correlation_px2 / views.correlation_px2))
 
 
 def weakest_candidate(strengths: FloatArray, least_nats: float) -> float:

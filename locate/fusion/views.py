@@ -10,7 +10,7 @@ import numpy as np
 
 from detect.detection import Detection
 from detect.information import MAP_WIDTH_PX, DisplacementInformation
-from geometry.arrays import FloatArray, FloatMap
+from geometry.arrays import BoolArray, FloatArray, FloatMap
 from geometry.grid import VoxelBox
 from geometry.trajectory import Trajectory
 
@@ -30,6 +30,8 @@ CLIPPED_PERCENTILE = 95
 """Of each map, above which evidence may be a plume's and not noise; chosen by hand."""
 CORRELATION_REACH_PX = 12
 """Farthest shift whose autocorrelation counts, px of the maps; chosen by hand."""
+FEWEST_PAIRS = 0.001
+"""Of the most pairs of pixels at one shift: of fewer their mean says nothing."""
 FREE_OF_EVIDENCE = {"unit", "bending_px", "lowest_background"}
 """What is worked out once for all views that differ in their evidence alone."""
 
@@ -142,14 +144,21 @@ class Views:
         return rolled
 
     def with_evidence(
-        self, llr: FloatMap, information: tuple[DisplacementInformation, ...] | None = None
+        self,
+        llr: FloatMap,
+        information: tuple[DisplacementInformation, ...] | None = None,
+        correlation_px2: float | None = None,
     ) -> Self:
         """The same views with other evidence, (V, H, W), and perhaps other information.
 
-        What does not depend on them is kept.
+        What does not depend on them is kept; `correlation_px2` too, where it is not given.
         """
-        kept_information = self.information if information is None else information
-        other = replace(self, llr=llr, information=kept_information)
+        other = replace(
+            self,
+            llr=llr,
+            information=self.information if information is None else information,
+            correlation_px2=correlation_px2 or self.correlation_px2,
+        )
         kept = vars(self).keys() & FREE_OF_EVIDENCE
         vars(other).update({name: vars(self)[name] for name in kept})
         return other
@@ -243,16 +252,46 @@ def correlation_area(llr: FloatMap) -> float:
     The few strongest values (a plume, if there is one) are clipped, so that they do not pass for
     noise.
     """
-    highest = np.percentile(llr, CLIPPED_PERCENTILE, axis=(1, 2), keepdims=True)
-    clipped = np.minimum(llr, highest)
+    clipped = _clip_strongest(llr)
     centred = clipped - clipped.mean(axis=(1, 2), keepdims=True)
     variance = float((centred**2).mean())
     if variance == 0:
         return 1.0
-    shape = [2 * n for n in llr.shape[1:]]
-    power = (np.abs(np.fft.rfft2(centred, shape)) ** 2).mean(axis=0)
-    correlation = np.fft.irfft2(power, shape) / (variance * llr.shape[1] * llr.shape[2])
-    reach = min(CORRELATION_REACH_PX, *llr.shape[1:])
-    near = np.concatenate([correlation[:reach], correlation[-reach + 1 :]])
-    near = np.concatenate([near[:, :reach], near[:, -reach + 1 :]], axis=1)
-    return float(max(1.0, np.maximum(near, 0).sum()))
+    correlation = _near_products(centred) / (variance * llr.shape[1] * llr.shape[2])
+    return float(max(1.0, np.maximum(correlation, 0).sum()))
+
+
+def correlation_area_of(llr: FloatMap, counted: BoolArray) -> float:
+    """As `correlation_area`, of the pixels that count, (V, H, W), alone.
+
+    Each product is a mean over the pairs of pixels that both count.
+    """
+    clipped = np.where(counted, _clip_strongest(llr), 0.0)
+    pixels = np.maximum(counted.sum(axis=(1, 2), keepdims=True), 1)
+    mean = clipped.sum(axis=(1, 2), keepdims=True) / pixels
+    centred = np.where(counted, clipped - mean, 0.0)
+    variance = float((centred**2).sum() / max(int(counted.sum()), 1))
+    if variance == 0:
+        return 1.0
+    pairs = _near_products(counted.astype(np.float32))
+    few = FEWEST_PAIRS * float(pairs.max())
+    correlation = _near_products(centred) / (variance * np.maximum(pairs, few))
+    return float(max(1.0, np.maximum(correlation, 0).sum()))
+
+
+def _clip_strongest(llr: FloatMap) -> FloatMap:
+    highest = np.percentile(llr, CLIPPED_PERCENTILE, axis=(1, 2), keepdims=True)
+    return np.asarray(np.minimum(llr, highest))
+
+
+def _near_products(maps: FloatArray | FloatMap) -> FloatArray:
+    """Products of (V, H, W) maps with themselves, shifted by up to `CORRELATION_REACH_PX`.
+
+    Summed over the pixels, the mean of the maps.
+    """
+    shape = [2 * n for n in maps.shape[1:]]
+    power = (np.abs(np.fft.rfft2(maps, shape)) ** 2).mean(axis=0)
+    products = np.fft.irfft2(power, shape)
+    reach = min(CORRELATION_REACH_PX, *maps.shape[1:])
+    near = np.concatenate([products[:reach], products[-reach + 1 :]])
+    return np.concatenate([near[:, :reach], near[:, -reach + 1 :]], axis=1)

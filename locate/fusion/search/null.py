@@ -94,6 +94,10 @@ class NullLevel:
         location = float(draws.mean() - np.euler_gamma * scale)
         return cls(strongest=draws, location=location, scale=float(scale))
 
+    def scaled(self, factor: float) -> Self:
+        """The same for evidence that is counted in other samples: `factor` times the nats."""
+        return self.from_draws([factor * nats for nats in self.strongest])
+
     def false_alarm(self, strength: float) -> float:
         """Probability that a volume without plumes holds a column at least this strong."""
         return float(-np.expm1(-np.exp((self.location - strength) / self.scale)))

@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import cv2
 import numpy as np
 
-from geometry.arrays import BoolArray, FloatArray, FloatMap
+from geometry.arrays import BoolArray, FloatArray, FloatMap, IntArray
 from geometry.grid import lever_gate
 from locate.fusion.search.columns import Columns, PlumeColumn
 from locate.fusion.views import Views
@@ -211,12 +211,31 @@ def mask_out(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADI
 
     What one plume explains must not support another.
     """
+    llr = views.llr.copy()
+    information = list(views.information)
+    for i, polygon in _outline_polygons(views, column, radii):
+        cv2.fillPoly(llr[i], [polygon], 0.0)
+        if information:
+            information[i] = information[i].without(polygon)
+    return views.with_evidence(llr, tuple(information))
+
+
+def explained_pixels(views: Views, column: PlumeColumn) -> BoolArray:
+    """(V, H, W) the pixels whose evidence `mask_out` takes away."""
+    pixels = np.zeros(views.llr.shape, np.uint8)
+    for i, polygon in _outline_polygons(views, column, EXPLAINED_RADII):
+        cv2.fillPoly(pixels[i], [polygon], 1)
+    return pixels.astype(bool)
+
+
+def _outline_polygons(
+    views: Views, column: PlumeColumn, radii: float
+) -> Iterator[tuple[int, IntArray]]:
+    """The corners, px, of a column's outline, `radii` wide, in each view that it is before."""
     wide = column.widened(radii)
     heights = MASK_HEIGHTS * column.height
     points = wide.axis_points(heights)
     half_widths = np.maximum(wide.radius + wide.opening * heights, wide.radius / 2)
-    llr = views.llr.copy()
-    information = list(views.information)
     for i in range(len(views)):
         in_cam = views.trajectory.world_to_cam(i, points)
         pixels = views.trajectory.camera.project(in_cam)
@@ -226,8 +245,4 @@ def mask_out(views: Views, column: PlumeColumn, *, radii: float = EXPLAINED_RADI
         half = views.trajectory.camera.focal_px * half_widths[ahead] / in_cam[ahead, 2]
         sideways = np.stack([half, np.zeros_like(half)], axis=1)
         outline = np.concatenate([pixels[ahead] - sideways, (pixels[ahead] + sideways)[::-1]])
-        polygon = np.rint(outline).astype(np.int32)
-        cv2.fillPoly(llr[i], [polygon], 0.0)
-        if information:
-            information[i] = information[i].without(polygon)
-    return views.with_evidence(llr, tuple(information))
+        yield i, np.rint(outline).astype(np.int32)
