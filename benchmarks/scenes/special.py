@@ -1,4 +1,4 @@
-"""The example scenes that are hard on purpose, end to end: two plumes, and a hidden base.
+"""The example scenes that are hard on purpose, end to end: two and five plumes, a hidden base.
 
     python -m benchmarks.scenes special --work work/special
 
@@ -15,7 +15,7 @@ SCENES = Path(__file__).parents[2] / "examples" / "scenes"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenes", nargs="+", default=["two_plumes", "hidden_base"])
+    parser.add_argument("--scenes", nargs="+", default=["two_plumes", "hidden_base", "five_plumes"])
     parser.add_argument("--resume", action="store_true", help="Keep the stages that stand.")
     parser.add_argument("--work", type=Path, default=Path("work/special"))
 
