@@ -94,14 +94,15 @@ def fuse(
         plumes, level_nats = _add_far_plumes(
             plumes, columns, views=views, masked=masked, threshold=threshold, level_nats=level_nats
         )
-        plumes, level_nats = _try_jointly(
-            plumes,
-            columns,
-            views,
-            threshold,
-            level_nats,
-            np.random.default_rng([seed, JOINT_STREAM]),
-        )
+        if plumes:
+            plumes, level_nats = _try_jointly(
+                plumes,
+                columns,
+                views,
+                threshold,
+                level_nats,
+                np.random.default_rng([seed, JOINT_STREAM]),
+            )
     progress(1.0)
     return FusionResult(plumes=number_plumes(plumes), grid=grid, threshold_nats=level_nats)
 
@@ -187,28 +188,27 @@ def _try_jointly(
 ) -> tuple[list[Plume], float]:
     """The plumes, or those that columns fitted together are, where these are more; and the level.
 
-    One plume is what it is without this.
+    Where none is found one by one this finds clutter on real frames (docs/accuracy.md).
 
     Args:
-        plumes: Found one by one.
+        plumes: Found one by one, at least one.
         columns: All that were fitted.
         views: The evidence.
         threshold: What a column needs.
         level_nats: That by which the plumes were found.
         rng: Of the searches.
     """
-    fewest = max(len(plumes), 1)
     strong_nats = threshold.least_nats or level_nats
     together = JointColumns.search(views, columns, threshold.box, rng, least_nats=strong_nats)
-    if len(together) <= fewest:
+    if len(together) <= len(plumes):
         return plumes, level_nats
     candidates = together.candidates(threshold.least_nats)
-    if len(candidates) <= fewest:
+    if len(candidates) <= len(plumes):
         return plumes, level_nats
     rest = together.all_masked()
     null = replace(threshold, rng=rng).draw_null(rest)
     found = measure_together(candidates, null, rest.correlation_px2, threshold.nats, rng)
-    if len(found) <= fewest:
+    if len(found) <= len(plumes):
         return plumes, level_nats
     return found, threshold.nats(null.scaled(rest.correlation_px2 / views.correlation_px2))
 

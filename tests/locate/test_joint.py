@@ -13,6 +13,7 @@ from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
 from locate.fusion.search.score import column_contrast, explained_pixels, mask_out
 from locate.fusion.views import Views, correlation_area, correlation_area_of
+from locate.map.plume import Plume
 from locate.simulation.evidence import (
     ColumnTruth,
     add_plume,
@@ -113,6 +114,20 @@ def test_one_plume_is_not_searched_for_again(
     rng = np.random.default_rng(2)
     views = make_faulty_views(truth, orbit_trajectory(VIEWS, ARC_DEG), rng)
     assert len(fuse(views, least_nats=FLOOR_NATS).plumes) == plumes
+
+
+def test_where_none_is_found_one_by_one_none_is_searched_for_together(
+    views: Views, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        pytest.fail("a joint search has begun")
+
+    def forget(*_: object, level_nats: float, **__: object) -> tuple[list[Plume], float]:
+        return [], level_nats
+
+    monkeypatch.setattr("locate.fusion.fuse._add_far_plumes", forget)
+    monkeypatch.setattr(JointColumns, "search", refuse)
+    assert fuse(views, least_nats=FLOOR_NATS).plumes == ()
 
 
 def test_a_column_without_an_axis_is_not_tried_again(
