@@ -57,7 +57,8 @@ def fuse(
     found and masked out. Columns far from it that reach the new level are plumes as well if they
     have at least a tenth of its evidence; weaker ones may be what masking left of it. Where
     `least_nats` states what clutter makes, all far columns above it are masked out of that draw.
-    Where columns fitted together are more plumes, they are taken instead (`JointColumns`).
+    Where there is a plume, and columns fitted together are more, they are taken instead
+    (`JointColumns`).
 
     Args:
         views: The evidence.

@@ -12,6 +12,7 @@ import numpy as np
 from geometry.arrays import FloatArray
 from geometry.camera import Camera
 from geometry.trajectory import Trajectory
+from locate.fusion.search.columns import PlumeColumn
 from locate.fusion.views import Views, correlation_area
 
 RANGE_M = 8.5
@@ -71,6 +72,12 @@ class ColumnTruth:
         """(3,) unit vector of the rise."""
         direction = np.array([*self.slope, 1.0])
         return np.asarray(direction / np.linalg.norm(direction))
+
+    @property
+    def column(self) -> PlumeColumn:
+        """The column as fusion describes it."""
+        shape = (self.height, self.radius, self.opening)
+        return PlumeColumn(np.array([*self.source, *self.slope, *shape]))
 
 
 def random_column(rng: np.random.Generator) -> ColumnTruth:

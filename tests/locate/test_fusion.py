@@ -34,11 +34,6 @@ from locate.simulation.evidence import (
 from tests.locate.answers import plume as any_plume
 
 
-def as_column(truth: ColumnTruth) -> PlumeColumn:
-    shape = (truth.height, truth.radius, truth.opening)
-    return PlumeColumn(np.array([*truth.source, *truth.slope, *shape]))
-
-
 @pytest.fixture(scope="module")
 def truth() -> ColumnTruth:
     return random_column(np.random.default_rng(5))
@@ -143,7 +138,7 @@ def test_clutter_alone_is_no_plume(seed: int) -> None:
 def test_true_column_scores_more_than_its_neighbours(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
     shifts = np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.8], [0, -0.8]])
-    columns = [as_column(truth).shifted(shift) for shift in shifts]
+    columns = [truth.column.shifted(shift) for shift in shifts]
     nats = score_columns(views, Columns.of(columns)).sum(axis=0)
     assert nats.argmax() == 0
     assert nats[0] > 1.2 * nats[1:].max()
@@ -151,7 +146,7 @@ def test_true_column_scores_more_than_its_neighbours(truth: ColumnTruth) -> None
 
 def test_evidence_of_a_plume_is_used_once(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
-    column = as_column(truth)
+    column = truth.column
     left = mask_out(views, column)
     assert (
         score_columns(left, column.as_columns).sum()
@@ -181,7 +176,7 @@ def beside_each_other(
 def between(truth: ColumnTruth, beside: ColumnTruth) -> PlumeColumn:
     """A column over both."""
     radius = truth.radius + float(np.linalg.norm(truth.source - beside.source)) / 2
-    return as_column(replace(truth, source=(truth.source + beside.source) / 2, radius=radius))
+    return replace(truth, source=(truth.source + beside.source) / 2, radius=radius).column
 
 
 def test_a_column_over_two_plumes_is_split(truth: ColumnTruth) -> None:
@@ -189,7 +184,7 @@ def test_a_column_over_two_plumes_is_split(truth: ColumnTruth) -> None:
     parts = split_column(both, between(truth, beside), np.random.default_rng(0))
     assert len(parts) == 2
     for plume in (truth, beside):
-        own = as_column(plume).as_columns
+        own = plume.column.as_columns
         apart = [np.linalg.norm((part.lowest_point - plume.source)[:2]) for part, _ in parts]
         assert min(apart) < 1 / 3
         left = parts[int(np.argmin(apart))][1]
@@ -200,7 +195,7 @@ def test_a_column_over_two_plumes_is_split(truth: ColumnTruth) -> None:
 def test_a_column_over_one_plume_is_not_split(truth: ColumnTruth, radius: float) -> None:
     wide = replace(truth, radius=radius)
     views = make_faulty_views(wide, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
-    assert not split_column(views, as_column(wide), np.random.default_rng(0))
+    assert not split_column(views, wide.column, np.random.default_rng(0))
 
 
 def test_plumes_that_no_view_separates_are_not_split(truth: ColumnTruth) -> None:
@@ -221,7 +216,7 @@ def test_a_gap_lowers_the_contrast_of_a_column_over_two_plumes(truth: ColumnTrut
     )
     loud = np.maximum(first.llr, second.llr)
     both = replace(first, llr=np.where(loud < 0, -0.1, loud).astype(np.float32))
-    columns = Columns.of([as_column(truth), between(truth, beside)])
+    columns = Columns.of([truth.column, between(truth, beside)])
     assert np.diff(column_evidence(both, columns)) > 0
     assert np.diff(column_contrast(both, columns)) < 0
 
@@ -281,9 +276,9 @@ def test_a_sway_that_all_sightings_share_leaves_an_axis(
 
 def test_base_reaches_down_to_the_ground(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
-    column = as_column(truth)
+    column = truth.column
     (lifted,) = column.axis_points(np.array([0.3]))
-    column = as_column(replace(truth, source=lifted, height=truth.height - 0.3))
+    column = replace(truth, source=lifted, height=truth.height - 0.3).column
     base = locate_base(views, column)
     assert base.height == pytest.approx(-0.3, abs=0.12)
     assert not base.hidden
@@ -298,7 +293,7 @@ def test_evidence_that_leaks_below_the_source_is_not_the_plume(truth: ColumnTrut
         row = round(views.trajectory.project(i, truth.source[None])[0, 1])
         llr[i, row:] = 0.15 * strong
     far = np.full_like(views.inverse_depth, 1 / 40)
-    base = locate_base(replace(views, llr=llr, inverse_depth=far), as_column(truth))
+    base = locate_base(replace(views, llr=llr, inverse_depth=far), truth.column)
     assert abs(base.height) < 0.3
     assert abs(base.height) < 2 * base.sigma
 
@@ -317,7 +312,7 @@ def screened(views: Views, column: PlumeColumn, *, up_to: float, before: float) 
 
 def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
-    column = as_column(truth)
+    column = truth.column
     base = locate_base(screened(views, column, up_to=0.9, before=0.8), column)
     assert base.hidden
     assert base.evidence_low == pytest.approx(0.9, abs=0.15)
@@ -327,7 +322,7 @@ def test_a_hidden_source_may_be_anywhere_down_to_the_ground(truth: ColumnTruth) 
 
 def test_a_thin_nozzle_is_a_base_and_hides_nothing(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
-    column = as_column(truth)
+    column = truth.column
     base = locate_base(screened(views, column, up_to=0.3, before=0.1), column)
     assert not base.hidden
     assert base.height == pytest.approx(0.3, abs=0.1)
@@ -378,7 +373,7 @@ def test_answer_does_not_depend_on_the_scale_of_the_evidence(
 
 def test_axis_of_a_shifted_column_is_pulled_back(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1), NO_FAULTS)
-    column = as_column(truth).shifted(np.array([0.1, 0.0]))
+    column = truth.column.shifted(np.array([0.1, 0.0]))
     sightings = sight_axis(views, column)
     axis = estimate_axis(views.trajectory, column, sightings, views.unit)
     assert axis is not None
@@ -389,7 +384,7 @@ def test_axis_of_a_shifted_column_is_pulled_back(truth: ColumnTruth) -> None:
 
 def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1), NO_FAULTS)
-    column = as_column(truth)
+    column = truth.column
     axis = estimate_axis(views.trajectory, column, sight_axis(views, column), views.unit)
     assert axis is not None
     lifted = replace(
@@ -408,7 +403,7 @@ def test_an_axis_that_columns_disagree_on_is_the_less_known(truth: ColumnTruth) 
 
 def test_an_outlying_search_is_left_out(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
-    refined = refine_axis(views, as_column(truth))
+    refined = refine_axis(views, truth.column)
     assert refined is not None
     _, axis = refined
     sigma = np.sqrt(axis.covariance[0, 0])
@@ -447,7 +442,7 @@ def seen() -> tuple[PlumeColumn, AxisSightings, Views]:
     views = make_faulty_views(
         upright, orbit_trajectory(16, 60), np.random.default_rng(0), NO_FAULTS
     )
-    column = as_column(upright)
+    column = upright.column
     sightings = sight_axis(views, column)
     return column, replace(sightings, sigma_px=np.ones(len(sightings))), views
 
@@ -548,7 +543,7 @@ def test_sightings_have_the_derivatives_by_shifts_and_poses(
 
 def test_a_section_without_evidence_gives_no_sighting(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(8, 60), np.random.default_rng(0), NO_FAULTS)
-    column = as_column(truth)
+    column = truth.column
     silent = views.llr.copy()
     silent[silent > 0] = 0.1
     assert len(sight_axis(views, column)) > 20
@@ -584,7 +579,7 @@ def test_frames_without_evidence_are_counted() -> None:
 
 def test_the_axis_is_sought_in_the_core_of_a_plume(truth: ColumnTruth) -> None:
     views = make_faulty_views(truth, orbit_trajectory(12, 60), np.random.default_rng(1), NO_FAULTS)
-    column = as_column(truth)
+    column = truth.column
     width = views.llr.shape[2]
     beside = np.maximum(views.llr, np.roll(views.llr, width // 80, axis=2))
     upwards = np.zeros_like(views.displacement)

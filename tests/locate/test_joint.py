@@ -58,11 +58,6 @@ def together(views: Views, starts: Columns) -> JointColumns:
     return JointColumns.search(views, starts, views.volume(), rng, least_nats=FLOOR_NATS)
 
 
-def as_column(truth: ColumnTruth) -> PlumeColumn:
-    shape = (truth.height, truth.radius, truth.opening)
-    return PlumeColumn(np.array([*truth.source, *truth.slope, *shape]))
-
-
 def test_plumes_that_hide_each_other_are_found(truths: list[ColumnTruth], views: Views) -> None:
     plumes = fuse(views, seed=0, least_nats=FLOOR_NATS).plumes
     assert [plume.id for plume in plumes] == [1, 2, 3]
@@ -144,7 +139,7 @@ def test_a_column_without_an_axis_is_not_tried_again(
 def test_what_a_column_explains_is_what_masking_takes(
     truths: list[ColumnTruth], views: Views
 ) -> None:
-    column = as_column(truths[0])
+    column = truths[0].column
     masked = mask_out(views, column).llr
     explained = explained_pixels(views, column)
     assert explained.any()

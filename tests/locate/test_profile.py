@@ -11,9 +11,7 @@ from locate.simulation.evidence import NO_FAULTS, make_faulty_views, orbit_traje
 
 @pytest.fixture(scope="module")
 def column() -> PlumeColumn:
-    truth = random_column(np.random.default_rng(5))
-    shape = (truth.height, truth.radius, truth.opening)
-    return PlumeColumn(np.array([*truth.source, *truth.slope, *shape]))
+    return random_column(np.random.default_rng(5)).column
 
 
 @pytest.fixture(scope="module")
