@@ -13,10 +13,10 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import IO, Any, TypeVar
+from typing import IO, Any, Generic, Self, TypeVar
 
 from geometry.errors import LocateError
 from geometry.memory import keep_freed_memory
@@ -52,52 +52,59 @@ def start_python(program: str, pipe: Connection, **options: Any) -> "subprocess.
     )
 
 
-def call_apart(
-    function: Callable[..., Result],
-    *arguments: Any,
-    name: str,
-    report: Report,
-    **keywords: Any,
-) -> Result:
-    """Calls a function in another process, which ends with this one.
+class CallProcess(Generic[Result]):
+    """Another Python that makes one call, and ends with the block.
+
+    It imports the module of the function while the arguments are not known yet.
 
     Args:
-        function: Importable by its name. It takes `progress`, which calls `report` here.
-        arguments: Of the function; they and its result are sent by pickle.
-        name: What it does, for people.
-        report: Takes the progress.
-        keywords: Of the function, by name.
+        function: Importable by its name. It takes `progress`, which sends what it is given back.
+        name: What the function does, for people.
 
     Raises:
-        ChildProcessError: The process was ended, as a library does that aborts.
-        Exception: What the function raises, with its traceback as a note.
+        OSError: The process cannot be started.
     """
-    with start_call(function, *arguments, name=name, report=report, **keywords) as wait:
-        return wait()
 
-
-@contextmanager
-def start_call(
-    function: Callable[..., Result],
-    *arguments: Any,
-    name: str,
-    report: Report,
-    **keywords: Any,
-) -> Iterator[Callable[[], Result]]:
-    """Starts what `call_apart` does, and ends it with the block if it is not done by then.
-
-    Yields:
-        What waits for the result, and passes the progress on meanwhile.
-    """
-    ours, theirs = Pipe()
-    with ours, tempfile.TemporaryFile() as printed:
+    def __init__(self, function: Callable[..., Result], *, name: str) -> None:
+        self.function, self._name = function, name
+        self._printed = tempfile.TemporaryFile()  # noqa: SIM115 - `close` closes it
+        self._pipe, theirs = Pipe()
         with theirs:
-            process = start_python(PROGRAM, theirs, stdout=printed, stderr=printed)
+            printed = self._printed
+            self._process = start_python(PROGRAM, theirs, stdout=printed, stderr=printed)
+        with suppress(ConnectionError):  # of a process that has ended; `call` says how
+            self._pipe.send((os.getpid(), function))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process is there no more."""
+        return self._process.poll() is not None
+
+    def call(self, *arguments: Any, report: Report, **keywords: Any) -> Callable[[], Result]:
+        """Makes the call; what is returned waits for its result.
+
+        Args:
+            arguments: Of the function; they and its result are sent by pickle.
+            report: Takes the progress, while the result is waited for.
+            keywords: Of the function, by name.
+
+        Raises:
+            ChildProcessError: The process was ended, as a library does that aborts; by what is
+                returned too, which raises what the function raises, with its traceback as a note.
+        """
+        with self._end_described():
+            self._pipe.send((arguments, keywords))
 
         def wait() -> Result:
-            with _end_described(process, printed, name):
+            with self._end_described():
                 while True:
-                    is_result, answer = ours.recv()
+                    is_result, answer = self._pipe.recv()
                     if is_result:
                         break
                     report(*answer)
@@ -106,24 +113,93 @@ def start_call(
             result: Result = answer
             return result
 
+        return wait
+
+    def close(self) -> None:
+        """Ends the process, whatever it does."""
+        self._process.kill()
+        self._process.wait()
+        self._pipe.close()
+        self._printed.close()
+
+    @contextmanager
+    def _end_described(self) -> Iterator[None]:
+        """Says how the process ended where its pipe is found closed."""
         try:
-            with _end_described(process, printed, name):
-                ours.send((os.getpid(), function, arguments, keywords))
-            yield wait
-        finally:
-            process.kill()
-            process.wait()
+            yield
+        except (EOFError, ConnectionError) as error:
+            end = _describe_end(self._process.wait(), self._printed)
+            raise ChildProcessError(f"{self._name} {end}") from error
 
 
-@contextmanager
-def _end_described(
-    process: "subprocess.Popen[bytes]", printed: IO[bytes], name: str
-) -> Iterator[None]:
-    """Says how the process ended where its pipe is found closed."""
-    try:
-        yield
-    except (EOFError, ConnectionError) as error:
-        raise ChildProcessError(f"{name} {_describe_end(process.wait(), printed)}") from error
+class ProcessesAhead:
+    """Processes that are started before they are needed, and end with the block."""
+
+    def __init__(self) -> None:
+        self._waiting: list[CallProcess[Any]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def expect(self, function: Callable[..., Any], *, name: str) -> None:
+        """Starts a process for a call that is expected; without effect where none can be started.
+
+        Args:
+            function: As of `CallProcess`.
+            name: Likewise.
+        """
+        with suppress(OSError):
+            self._waiting.append(CallProcess(function, name=name))
+
+    def take(self, function: Callable[..., Result], *, name: str) -> CallProcess[Result]:
+        """A process for one call of a function, a waiting one if there is any.
+
+        Args:
+            function: As of `CallProcess`.
+            name: Likewise.
+
+        Raises:
+            OSError: The process cannot be started.
+        """
+        for process in self._waiting:
+            if process.function is function and not process.has_ended:
+                self._waiting.remove(process)
+                return process
+        return CallProcess(function, name=name)
+
+    def close(self) -> None:
+        """Ends those that were not taken."""
+        while self._waiting:
+            self._waiting.pop().close()
+
+
+def call_apart(
+    function: Callable[..., Result],
+    *arguments: Any,
+    name: str,
+    report: Report,
+    ahead: ProcessesAhead | None = None,
+    **keywords: Any,
+) -> Result:
+    """Calls a function in another process, which ends with this one.
+
+    Args:
+        function: As of `CallProcess`.
+        arguments: Of the function; they and its result are sent by pickle.
+        name: What it does, for people.
+        report: Takes the progress.
+        ahead: Processes one of which may wait for this call.
+        keywords: Of the function, by name.
+
+    Raises:
+        ChildProcessError: The process was ended, as a library does that aborts.
+        Exception: What the function raises, with its traceback as a note.
+    """
+    with (ahead or ProcessesAhead()).take(function, name=name) as process:
+        return process.call(*arguments, report=report, **keywords)()
 
 
 def _describe_end(code: int, printed: IO[bytes]) -> str:
@@ -138,8 +214,9 @@ def answer_call() -> None:
     """Runs such a process: makes the one call it is sent, and sends what came of it."""
     keep_freed_memory()
     with Connection(int(sys.argv[1])) as pipe:
-        parent, function, arguments, keywords = pipe.recv()
+        parent, function = pipe.recv()
         _end_with(parent)
+        arguments, keywords = pipe.recv()
         try:
             answer = function(
                 *arguments, progress=lambda *done: pipe.send((False, done)), **keywords

@@ -10,7 +10,7 @@ from geometry.camera import Camera
 from geometry.disk_space import check_space
 from geometry.errors import BadInputError
 from geometry.named_poses import NamedPoses
-from geometry.processes import call_apart
+from geometry.processes import ProcessesAhead, call_apart
 from geometry.removal import remove_inside
 from geometry.reports import Report
 from geometry.sfm import Reconstruction, reconstruct
@@ -33,6 +33,12 @@ UNSURE_FOCAL = 0.01
 arcs, 0.02 where the camera only came nearer and the focal length was 6 % off."""
 SFM_BYTES_PER_FRAME = 1_000_000
 """Disk space that structure from motion takes for a frame, at most."""
+NAME = "structure from motion"
+
+
+def expect_reconstruction(ahead: ProcessesAhead) -> None:
+    """Starts the process in which `reconstruct_poses` works, while the frames are chosen."""
+    ahead.expect(reconstruct, name=NAME)
 
 
 def reconstruct_poses(
@@ -42,6 +48,7 @@ def reconstruct_poses(
     target: RunFiles,
     report: Report,
     jobs: int = 1,
+    ahead: ProcessesAhead | None = None,
 ) -> str:
     """Runs structure from motion on the key frames; returns a summary.
 
@@ -54,6 +61,7 @@ def reconstruct_poses(
         target: Where to write.
         report: Takes the progress.
         jobs: Threads that work side by side; the result does not depend on it.
+        ahead: Processes that `expect_reconstruction` started.
 
     Raises:
         RegistrationError: The frames could not be registered; the error says why.
@@ -73,7 +81,8 @@ def reconstruct_poses(
         workdir=target.sfm,
         ordered=key_frames.is_video,
         jobs=jobs,
-        name="structure from motion",
+        name=NAME,
+        ahead=ahead,
         report=lambda _, share: report("poses", share),
     )
     result.save(target.sfm)

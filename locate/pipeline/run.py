@@ -9,6 +9,7 @@ from typing import Any
 from detect import registry
 from detect.registry import DetectorChoice
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
+from geometry.processes import ProcessesAhead
 from geometry.reports import Report, ignore_report
 from geometry.threads import with_one_thread
 from locate.map.plume import PlumeMap
@@ -23,7 +24,7 @@ from locate.pipeline.more_frames import MoreFrames
 from locate.pipeline.obstacles import foreseen_obstacles
 from locate.pipeline.points import load_points
 from locate.pipeline.run_folder import RunFolder
-from locate.pipeline.side_by_side import measure_side_by_side
+from locate.pipeline.side_by_side import expect_shares, measure_side_by_side
 from locate.pipeline.source import RecordingSource
 from locate.pipeline.stage import Stage
 from locate.recording import KeyFrames, Recording
@@ -81,6 +82,7 @@ class Run:
         self.files = RunFiles(output)
         self._report = report
         self._jobs = jobs
+        self._ahead = ProcessesAhead()
 
     @with_one_thread
     def run(self) -> PlumeMap:
@@ -90,10 +92,12 @@ class Run:
             BadInputError: Something given cannot be used.
             RegistrationError: The frames could not be registered; the error says why.
         """
-        with self.folder.hold():
+        with self.folder.hold(), self._ahead:
+            self._start_ahead()
             key_frames = self._choose_frames()
             plan = self._plan_measurement(key_frames)
             self._measure(plan)
+            self._ahead.close()
             self._fuse(plan)
             self._publish(plan)
             self.folder.withdraw_others()
@@ -114,6 +118,15 @@ class Run:
                 plan = self._plan_measurement(key_frames)
                 if share is not None:
                     self._measure(plan, share)
+
+    def _start_ahead(self) -> None:
+        """Starts other processes for what is probably left to do: their imports take a second."""
+        if self._jobs < 2:
+            return
+        if not self.source.has_given_poses and not self.folder.was_done("poses"):
+            poses.expect_reconstruction(self._ahead)
+        if self.config.detector != "bos" and not self.folder.was_done("detections"):
+            expect_shares(self._ahead, most=self.config.amounts.detection_frames, jobs=self._jobs)
 
     def _choose_frames(self) -> KeyFrames:
         recording = self.source.open_frames()
@@ -180,7 +193,7 @@ class Run:
             if given is not None:
                 return poses.adopt_poses(given, key_frames, self.files, target)
             return poses.reconstruct_poses(
-                self.source, key_frames, self.files, target, self._report, self._jobs
+                self.source, key_frames, self.files, target, self._report, self._jobs, self._ahead
             )
 
         inputs = self.source.pose_inputs()
@@ -209,7 +222,13 @@ class Run:
             target, most = RunFiles(folder).detections, amounts.detection_frames
             if share is None:
                 return measure_side_by_side(
-                    plan.posed, make, target, most=most, jobs=self._jobs, report=self._report
+                    plan.posed,
+                    make,
+                    target,
+                    most=most,
+                    jobs=self._jobs,
+                    ahead=self._ahead,
+                    report=self._report,
                 )
             return detections.measure_frames(
                 plan.posed, make(), target, most=most, report=self._report, share=share

@@ -175,6 +175,10 @@ class RunFolder:
         stamp = None if self._force else Stamp.load(self._stamp_path(stage.name))
         return stamp is not None and stamp.fingerprint == self._fingerprint(stage)
 
+    def was_done(self, name: str) -> bool:
+        """Whether a stage was done once, with these inputs or others."""
+        return not self._force and Stamp.load(self._stamp_path(name)) is not None
+
     def _fingerprint(self, stage: Stage) -> str:
         fingerprint = stage.fingerprint(self._fingerprints)
         self._fingerprints[stage.name] = fingerprint

@@ -6,18 +6,31 @@ from functools import partial
 from pathlib import Path
 
 from detect.detection import Detector
-from geometry.processes import start_call
+from geometry.processes import ProcessesAhead
 from geometry.reports import Report, ignore_report
 from locate.pipeline.detections import measure_frames
 from locate.recording.posed_frames import PosedFrames
 
-FEWEST_FRAMES = 6
-"""A process of its own starts for so many frames at least: it costs as much as three frames."""
+FEWEST_FRAMES = 5
+"""A process of its own starts for so many frames at least: it costs as much as two frames."""
 MOST_BYTES = 3_000_000_000
 """Memory that all processes together may hold where frames are measured at full size; chosen."""
 OWN_BYTES, BYTES_PER_PIXEL = 600_000_000, 110
 """What one holds, and what it holds more for each pixel at full size (docs/weak_plumes.md)."""
+NAME = "measuring refraction"
 MakeDetector = Callable[[], Detector]
+
+
+def expect_shares(ahead: ProcessesAhead, *, most: int, jobs: int) -> None:
+    """Starts the processes that `measure_side_by_side` takes, while earlier stages run.
+
+    Args:
+        ahead: Where they wait.
+        most: The most frames that are measured.
+        jobs: The most processes, of which this is one.
+    """
+    for _ in range(1, min(jobs, most // FEWEST_FRAMES)):
+        ahead.expect(measure_share, name=NAME)
 
 
 def measure_side_by_side(
@@ -28,6 +41,7 @@ def measure_side_by_side(
     most: int,
     skip: Sequence[int] = (),
     jobs: int,
+    ahead: ProcessesAhead,
     report: Report,
 ) -> str:
     """Does what `measure_frames` does, by at most `jobs` processes of which this is one.
@@ -42,6 +56,7 @@ def measure_side_by_side(
         most: The most frames that are measured.
         skip: Indices of frames that are not.
         jobs: The most processes.
+        ahead: Processes that `expect_shares` started.
         report: Takes the progress of this one's share.
 
     Raises:
@@ -53,22 +68,12 @@ def measure_side_by_side(
     measure = partial(measure_frames, posed, make(), folder, most=most, skip=skip)
     if count > 1:
         with ExitStack() as others:
-            waits = [
-                others.enter_context(
-                    start_call(
-                        measure_share,
-                        posed,
-                        make,
-                        folder,
-                        most,
-                        skip,
-                        (part, count),
-                        name="measuring refraction",
-                        report=ignore_report,
-                    )
-                )
-                for part in range(1, count)
-            ]
+            waits = []
+            for part in range(1, count):
+                process = others.enter_context(ahead.take(measure_share, name=NAME))
+                share = part, count
+                given = posed, make, folder, most, skip, share
+                waits.append(process.call(*given, report=ignore_report))
             measure(report=report, share=(0, count))
             for wait in waits:
                 wait()

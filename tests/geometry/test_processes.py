@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
-from geometry.processes import call_apart
+from geometry.processes import ProcessesAhead, call_apart
 
 HERE = str(Path(__file__).parents[2])
 
@@ -115,3 +115,27 @@ def test_it_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
         assert parent.stdout.readline() == b"sleeps\n"
         parent.kill()
     assert has_ended(int((tmp_path / "pid").read_text()))
+
+
+def test_a_process_that_waits_is_taken_and_the_others_end() -> None:
+    with ProcessesAhead() as ahead:
+        ahead.expect(double, name="doubling")
+        ahead.expect(fail, name="failing")
+        waiting, other = ahead._waiting
+        found = call_apart(
+            double, np.arange(3.0), name="doubling", report=lambda *_: None, ahead=ahead
+        )
+        assert found.tolist() == [0.0, 2.0, 4.0]
+        assert waiting.has_ended
+        assert not other.has_ended
+    assert other.has_ended
+
+
+def test_one_that_died_while_it_waited_is_replaced() -> None:
+    with ProcessesAhead() as ahead:
+        ahead.expect(double, name="doubling")
+        (waiting,) = ahead._waiting
+        waiting.close()
+        with ahead.take(double, name="doubling") as process:
+            assert process is not waiting
+            assert process.call(np.ones(1), report=lambda *_: None)().tolist() == [2.0]
