@@ -13,7 +13,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import IO, Any, Generic, Self, TypeVar
@@ -67,13 +67,18 @@ class CallProcess(Generic[Result]):
 
     def __init__(self, function: Callable[..., Result], *, name: str) -> None:
         self.function, self._name = function, name
-        self._printed = tempfile.TemporaryFile()  # noqa: SIM115 - `close` closes it
-        self._pipe, theirs = Pipe()
-        with theirs:
-            printed = self._printed
-            self._process = start_python(PROGRAM, theirs, stdout=printed, stderr=printed)
-        with suppress(ConnectionError):  # of a process that has ended; `call` says how
-            self._pipe.send((os.getpid(), function))
+        with ExitStack() as opened:
+            self._printed = opened.enter_context(tempfile.TemporaryFile())
+            self._pipe, theirs = Pipe()
+            opened.enter_context(self._pipe)
+            with theirs:
+                printed = self._printed
+                self._process = start_python(PROGRAM, theirs, stdout=printed, stderr=printed)
+            opened.callback(self._process.wait)
+            opened.callback(self._process.kill)
+            with suppress(ConnectionError):  # of a process that has ended; `call` says how
+                self._pipe.send((os.getpid(), function))
+            self._opened = opened.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -117,10 +122,7 @@ class CallProcess(Generic[Result]):
 
     def close(self) -> None:
         """Ends the process, whatever it does."""
-        self._process.kill()
-        self._process.wait()
-        self._pipe.close()
-        self._printed.close()
+        self._opened.close()
 
     @contextmanager
     def _end_described(self) -> Iterator[None]:
@@ -133,7 +135,7 @@ class CallProcess(Generic[Result]):
 
 
 class ProcessesAhead:
-    """Processes that are started before they are needed, and end with the block."""
+    """Processes that are started before they are needed; those not taken end with the block."""
 
     def __init__(self) -> None:
         self._waiting: list[CallProcess[Any]] = []
@@ -142,7 +144,8 @@ class ProcessesAhead:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        while self._waiting:
+            self._waiting.pop().close()
 
     def expect(self, function: Callable[..., Any], *, name: str) -> None:
         """Starts a process for a call that is expected; without effect where none can be started.
@@ -169,11 +172,6 @@ class ProcessesAhead:
                 self._waiting.remove(process)
                 return process
         return CallProcess(function, name=name)
-
-    def close(self) -> None:
-        """Ends those that were not taken."""
-        while self._waiting:
-            self._waiting.pop().close()
 
 
 def call_apart(

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from geometry.processes import ProcessesAhead
 from locate.pipeline import poses
 
 CHANGES = ("open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.truncate")
@@ -44,7 +43,7 @@ def _call_here(
     *arguments: Any,
     name: str,  # noqa: ARG001 - as of `call_apart`
     report: Callable[[str, float], object],
-    ahead: ProcessesAhead | None,  # noqa: ARG001 - likewise
+    ahead: object,  # noqa: ARG001 - likewise
     **keywords: Any,
 ) -> Any:
     return function(*arguments, progress=report, **keywords)

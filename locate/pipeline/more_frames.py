@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from detect.detection import Detection
-from geometry.processes import ProcessesAhead
 from geometry.removal import remove_inside
 from locate.pipeline.detections import load_detections
 from locate.pipeline.side_by_side import MakeDetector, measure_side_by_side
@@ -53,7 +52,6 @@ class MoreFrames:
             most=self.most,
             skip=sorted({*skip, *posed.b_frames}),
             jobs=self.jobs,
-            ahead=ProcessesAhead(),
             report=lambda _stage, share: progress(share),
         )
         _, indices, found = load_detections(parent / FOLDER)

@@ -92,12 +92,12 @@ class Run:
             BadInputError: Something given cannot be used.
             RegistrationError: The frames could not be registered; the error says why.
         """
-        with self.folder.hold(), self._ahead:
-            self._start_ahead()
-            key_frames = self._choose_frames()
-            plan = self._plan_measurement(key_frames)
-            self._measure(plan)
-            self._ahead.close()
+        with self.folder.hold():
+            with self._ahead:
+                self._start_ahead()
+                key_frames = self._choose_frames()
+                plan = self._plan_measurement(key_frames)
+                self._measure(plan)
             self._fuse(plan)
             self._publish(plan)
             self.folder.withdraw_others()

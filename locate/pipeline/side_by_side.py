@@ -41,7 +41,7 @@ def measure_side_by_side(
     most: int,
     skip: Sequence[int] = (),
     jobs: int,
-    ahead: ProcessesAhead,
+    ahead: ProcessesAhead | None = None,
     report: Report,
 ) -> str:
     """Does what `measure_frames` does, by at most `jobs` processes of which this is one.
@@ -67,12 +67,12 @@ def measure_side_by_side(
     count = 1 if posed.trajectory is None else count
     measure = partial(measure_frames, posed, make(), folder, most=most, skip=skip)
     if count > 1:
+        ahead = ahead or ProcessesAhead()
         with ExitStack() as others:
             waits = []
             for part in range(1, count):
                 process = others.enter_context(ahead.take(measure_share, name=NAME))
-                share = part, count
-                given = posed, make, folder, most, skip, share
+                given = posed, make, folder, most, skip, (part, count)
                 waits.append(process.call(*given, report=ignore_report))
             measure(report=report, share=(0, count))
             for wait in waits:

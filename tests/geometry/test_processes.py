@@ -1,4 +1,5 @@
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry import processes
 from geometry.errors import BadInputError, RegistrationError, RegistrationFailure
 from geometry.processes import ProcessesAhead, call_apart
 
@@ -139,3 +141,17 @@ def test_one_that_died_while_it_waited_is_replaced() -> None:
         with ahead.take(double, name="doubling") as process:
             assert process is not waiting
             assert process.call(np.ones(1), report=lambda *_: None)().tolist() == [2.0]
+
+
+def test_a_function_that_cannot_be_sent_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+    start = processes.start_python
+
+    def start_and_keep(*given: object, **options: object) -> "subprocess.Popen[bytes]":
+        started.append(start(*given, **options))
+        return started[0]
+
+    monkeypatch.setattr(processes, "start_python", start_and_keep)
+    with pytest.raises((AttributeError, pickle.PicklingError)):
+        processes.CallProcess(lambda progress: None, name="a lambda")
+    assert started[0].poll() is not None

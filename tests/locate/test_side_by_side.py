@@ -9,7 +9,6 @@ import pytest
 
 from detect.detection import Detection, Frames
 from geometry.errors import BadInputError
-from geometry.processes import ProcessesAhead
 from locate.pipeline.detections import load_detections
 from locate.pipeline.side_by_side import FEWEST_FRAMES, affordable_jobs, measure_side_by_side
 from locate.recording.images import write_png
@@ -65,7 +64,6 @@ def measure(
         folder,
         most=FRAMES,
         jobs=jobs,
-        ahead=ProcessesAhead(),
         report=lambda _, share: shares.append(share),
     )
     assert shares == sorted(shares)
