@@ -78,9 +78,11 @@ def find_same_hotspots(
     likely = [(k, other) for k, other in np.argwhere(odds > 0).tolist() if k < other]
     likely.sort(key=lambda pair: -odds[pair])
     pairs: list[tuple[int, int]] = []
+    paired: set[int] = set()
     for pair in likely:
-        if not set(pair) & {k for taken in pairs for k in taken}:
+        if paired.isdisjoint(pair):
             pairs.append(pair)
+            paired.update(pair)
     return pairs
 
 
@@ -113,10 +115,10 @@ def group_sightings(
     """
     if len(sightings) < 2:
         return np.zeros(len(sightings), dtype=np.int64)
-    flights = np.array([one.flight for one in sightings])
     even = np.log(density / SAME)
     cost = even - _log_densities(sightings, shared, leans, wander_m)
-    cost = np.where(flights[:, None] == flights, APART, cost)[np.triu_indices(len(sightings), 1)]
+    flights = np.array([one.flight for one in sightings])
+    cost[np.concatenate([flights[i] == flights[i + 1 :] for i in range(len(flights))])] = APART
     lowest = min(float(cost.min()), 0.0)
     # Linkage wants distances: shifted to be positive, and cut where the odds are even.
     labels = fcluster(linkage(cost - lowest, "complete"), -lowest, "distance")
@@ -130,16 +132,22 @@ def _log_densities(
     leans: FloatArray,
     wander_m: float,
 ) -> FloatArray:
-    """(N, N) log density of the horizontal difference of two sightings of one hotspot, 1 / m^2."""
+    """Log density of the horizontal difference of two sightings of one hotspot, 1 / m^2.
+
+    Returns:
+        (N (N - 1) / 2,) of each pair once: of the first with all others, of the second with those
+        after it, and so on. One sighting at a time, as whole matrices of pairs take much memory.
+    """
     position, unsure = shared.correct_positions(sightings, leans)
     single = np.array([one.own_covariance for one in sightings]) + unsure
     single = single[:, :2, :2] + wander_m**2 * np.eye(2)
     lean = leans[[one.flight for one in sightings]]
-    turned = lean[:, None] - lean
-    drift = shared.drift_sigma_m**2 * turned[..., :, None] * turned[..., None, :]
-    covariance = single[:, None] + single + drift
-    difference = (position[:, None] - position)[..., :2]
-    return _log_density(difference, covariance)
+    densities = []
+    for i in range(len(sightings)):
+        turned = shared.drift_sigma_m * (lean[i] - lean[i + 1 :])
+        covariance = single[i] + single[i + 1 :] + turned[:, :, None] * turned[:, None, :]
+        densities.append(_log_density((position[i] - position[i + 1 :])[:, :2], covariance))
+    return np.concatenate(densities)
 
 
 def _log_density(difference: FloatArray, covariance: FloatArray) -> FloatArray:

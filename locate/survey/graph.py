@@ -137,17 +137,18 @@ def _read_solution(
     hotspot_of: IntArray,
     flights: int,
 ) -> GraphSolution:
-    """The solution with its covariances, all from one joint marginal."""
+    """The solution with its covariances: joint those of the hotspots, its own that of a flight.
+
+    Those between flights are left out: with them the time would grow with the cube of the flights.
+    """
     hotspots = int(hotspot_of.max(initial=-1)) + 1
-    keys = [D(0), *(H(k) for k in range(hotspots)), *(T(f) for f in range(flights))]
+    keys = [D(0), *(H(k) for k in range(hotspots))]
     full = np.asarray(marginals.jointMarginalCovariance(gtsam.KeyVector(keys)).fullMatrix())
-    places, tangents = slice(1, 1 + 3 * hotspots), slice(1 + 3 * hotspots, None)
-    joint = full[places, places].reshape(hotspots, 3, hotspots, 3).swapaxes(1, 2)
-    between = full[tangents, tangents].reshape(flights, 7, flights, 7)
-    each = np.arange(flights)
+    joint = full[1:, 1:].reshape(hotspots, 3, hotspots, 3).swapaxes(1, 2)
+    own = [marginals.marginalCovariance(T(f)) for f in range(flights)]
     shared = SharedCorrections(
         offsets=np.reshape([solution.at(T(f)) for f in range(flights)], (-1, 7)),
-        covariances=between[each, :, each],
+        covariances=np.reshape(own, (-1, 7, 7)),
         drift_m=float(solution.at(D(0))[0]),
         drift_sigma_m=float(standard_deviations(full)[0]),
     )
