@@ -1,3 +1,3 @@
 from benchmarks.common.commands import run
 
-run(__package__, "run", "plumes", "hover")
+run(__package__, "run", "sizes", "plumes", "hover", "picture")

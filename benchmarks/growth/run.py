@@ -1,8 +1,9 @@
 """Runs longer and longer recordings, and fits how time, memory and disk space grow.
 
     python -m benchmarks.growth run [--lengths N...] [--folders N...] [--photos N...]
-                                    [--recording R] [--width PX] [--keep N]
+                                    [--recording R] [--width PX] [--keep N] [--out DIR]
 
+Writes growth_video.csv, growth_folders.csv and growth_photos.csv, of the options that name sizes.
 `--lengths`: frames of a video (H.264, 30 a second) of which `--keep` key frames are chosen, and
 nothing more is done. `--folders`: the same of so many photos. `--photos`: so many photos, all of
 them key frames, through the whole run. All show the frames of the recording to and fro. An exponent
@@ -13,6 +14,7 @@ video, or to read the photos, once.
 import argparse
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -24,6 +26,8 @@ import cv2
 import numpy as np
 
 from benchmarks.common.cost import children_peak_mib, folder_mib, peak_mib
+from benchmarks.common.csv_tables import DOCS, write_table
+from benchmarks.common.growth import growth_rows
 from benchmarks.growth.looped import loop_video, write_unit
 from geometry.arrays import GreyImage
 from geometry.image_files import write_image
@@ -35,8 +39,8 @@ from locate.recording import open_recording
 from locate.recording.images import read_grey
 from locate.recording.sample import SAMPLE_VIDEO
 
-SMOOTHED = 1e-2
-"""CPU seconds under which a stage has no measurable growth."""
+CPU, MEMORY, DISK = "CPU s", "MiB", "disk MiB"
+"""Columns: of all stages, of the process itself, of the run folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,19 +62,28 @@ class Spent:
     @property
     def numbers(self) -> dict[str, float]:
         """All of them by what a column is called."""
-        memory = {"MiB": self.peak_mib, "MiB, COLMAP": self.sfm_mib, "disk MiB": self.disk_mib}
-        return {f"{name} CPU s": spent for name, spent in self.cpu_s.items()} | memory
+        memory = {MEMORY: self.peak_mib, "MiB, COLMAP": self.sfm_mib, DISK: self.disk_mib}
+        stages = {f"{name} {CPU}": spent for name, spent in self.cpu_s.items()}
+        return {CPU: sum(self.cpu_s.values())} | stages | memory
 
 
-def spend(recording: Path, output: Path, most: int, *, whole: bool, **_progress: object) -> Spent:
-    """Runs, in a process of its own."""
-    run = Run(RunConfig(recording=recording, max_frames=most), output, report=ignore_report)
+def run_apart(config: RunConfig, output: Path, *, whole: bool = True) -> Spent:
+    """What a run costs, in a process of its own; not `whole`: until its key frames are chosen."""
+    return call_apart(spend, config, output, whole=whole, name="a run", report=ignore_report)
+
+
+def spend(config: RunConfig, output: Path, *, whole: bool, **_progress: object) -> Spent:
+    """What `run_apart` calls."""
+    run = Run(config, output, report=ignore_report)
     if whole:
         run.run()
     else:
         run.prepare(poses=False)
+    cpu_s: dict[str, float] = defaultdict(float)
+    for stage in run.folder.times:
+        cpu_s[stage.name] += stage.cpu_s
     return Spent(
-        cpu_s={time.name: time.cpu_s for time in run.folder.times},
+        cpu_s=dict(cpu_s),
         peak_mib=peak_mib(),
         sfm_mib=children_peak_mib(),
         disk_mib=folder_mib(output),
@@ -84,24 +97,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lengths", type=int, nargs="*", default=[60, 240, 960])
     parser.add_argument("--folders", type=int, nargs="*", default=[30, 120, 480])
     parser.add_argument("--photos", type=int, nargs="*", default=[10, 20, 40])
+    parser.add_argument("--out", type=Path, default=DOCS)
 
 
 def main(options: argparse.Namespace) -> None:
     images = shrunk(options.recording, options.width)
     with tempfile.TemporaryDirectory() as work:
         unit = write_unit(Path(work) / "unit.mkv", images)
-        for title, counts, write in (
-            ("frames of a video", options.lengths, partial(write_video, unit)),
-            ("photos, few kept", options.folders, partial(write_photos, images)),
-            ("photos", options.photos, partial(write_photos, images)),
+        for name, title, counts, write in (
+            ("video", "frames of a video", options.lengths, partial(write_video, unit)),
+            ("folders", "photos, few kept", options.folders, partial(write_photos, images)),
+            ("photos", "photos", options.photos, partial(write_photos, images)),
         ):
-            whole = title == "photos"
-            spent = [
+            whole = name == "photos"
+            costs = [
                 measure(write, Path(work), count, count if whole else options.keep, whole=whole)
                 for count in counts
             ]
             if counts:
-                print_table(title, counts, spent)
+                write_table(options.out / f"growth_{name}.csv", growth_rows(title, counts, costs))
 
 
 def measure(
@@ -111,15 +125,8 @@ def measure(
     with tempfile.TemporaryDirectory(dir=work) as place:
         recording = write(Path(place), count)
         decoding_s = call_apart(decode, recording, name="decoding", report=ignore_report)
-        spent = call_apart(
-            spend,
-            recording,
-            Path(place) / "out",
-            most,
-            whole=whole,
-            name="a run",
-            report=ignore_report,
-        )
+        config = RunConfig(recording=recording, max_frames=most)
+        spent = run_apart(config, Path(place) / "out", whole=whole)
     return {"decoding CPU s": decoding_s} | spent.numbers
 
 
@@ -155,19 +162,3 @@ def write_photos(images: Sequence[GreyImage], folder: Path, count: int) -> Path:
     for number, image in enumerate(islice(cycle(chain(images, images[-2:0:-1])), count)):
         write_image(path / f"{number:06d}.jpg", image)
     return path
-
-
-def print_table(title: str, counts: Sequence[int], spent: Sequence[dict[str, float]]) -> None:
-    names = list(spent[0])
-    print(f"| {title} | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}")
-    for count, numbers in zip(counts, spent, strict=True):
-        print(f"| {count} | {' | '.join(f'{numbers[name]:.1f}' for name in names)} |")
-    slopes = [exponent(counts, [numbers[name] for numbers in spent]) for name in names]
-    print(f"| exponent | {' | '.join(slopes)} |\n", flush=True)
-
-
-def exponent(counts: Sequence[int], values: Sequence[float]) -> str:
-    """Slope of the logarithm of the values over that of the counts."""
-    if len(counts) < 2 or min(values) < SMOOTHED:
-        return "-"
-    return f"{np.polyfit(np.log(counts), np.log(values), 1)[0]:.2f}"

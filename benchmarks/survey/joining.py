@@ -1,16 +1,19 @@
 """What joining the flights of a survey costs: CPU s and memory against the number of flights.
 
-    python -m benchmarks.survey joining 10 25 50 100 200
+    python -m benchmarks.survey joining 100 200 400 800 [--out DIR]
 
-Each flight sees 4 of 20 hotspots.
+Each flight sees 4 of 20 hotspots. Writes survey_joining.csv, with fitted exponents.
 """
 
 import argparse
 import time
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.common.cost import peak_mib
+from benchmarks.common.csv_tables import DOCS, Row, write_table
+from benchmarks.common.growth import growth_rows
 from benchmarks.survey.sightings import offset_of, sighting
 from geometry.arrays import FloatArray
 from locate.survey.associate import associate
@@ -22,11 +25,13 @@ OFFSET_SIGMAS = np.array([0.002, 0.002, 0.004, 1.0, 1.0, 2.0, 0.002])
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("flights", type=int, nargs="*", default=[25, 50, 100, 200])
+    parser.add_argument("flights", type=int, nargs="*", default=[100, 200, 400, 800])
+    parser.add_argument("--out", type=Path, default=DOCS)
 
 
 def main(options: argparse.Namespace) -> None:
-    print(f"flights | sightings | CPU s | hotspots of {HOTSPOTS} | peak MiB of the process")
+    costs: list[dict[str, float]] = []
+    told: list[Row] = []
     for flights in options.flights:
         rng = np.random.default_rng(flights)
         sites = np.c_[rng.uniform(0, AREA_M, (HOTSPOTS, 2)), np.zeros(HOTSPOTS)]
@@ -45,9 +50,11 @@ def main(options: argparse.Namespace) -> None:
             wander_m=WANDER_M,
             area_m2=AREA_M**2,
         )
-        spent = time.process_time() - start
+        costs.append({"CPU s": time.process_time() - start, "MiB": peak_mib()})
         found = len(np.unique(fused.hotspot_of))
-        print(f"{flights} | {len(kept)} | {spent:.1f} | {found} | {peak_mib():.0f}", flush=True)
+        told.append({"sightings": str(len(kept)), f"hotspots of {HOTSPOTS}": str(found)})
+    rows = growth_rows("flights", options.flights, costs, told)
+    write_table(options.out / "survey_joining.csv", rows)
 
 
 def flown(sites: FloatArray, leans: FloatArray, rng: np.random.Generator) -> list[PlumeSighting]:
