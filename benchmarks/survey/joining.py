@@ -1,6 +1,6 @@
 """What joining the flights of a survey costs: CPU s and memory against the number of flights.
 
-    python -m benchmarks.survey joining 100 200 400 800 [--out DIR]
+    python -m benchmarks.survey joining 100 200 400 800 1600 [--out DIR]
 
 Each flight sees 4 of 20 hotspots. Writes survey_joining.csv, with fitted exponents.
 """
@@ -25,7 +25,7 @@ OFFSET_SIGMAS = np.array([0.002, 0.002, 0.004, 1.0, 1.0, 2.0, 0.002])
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("flights", type=int, nargs="*", default=[100, 200, 400, 800])
+    parser.add_argument("flights", type=int, nargs="*", default=[100, 200, 400, 800, 1600])
     parser.add_argument("--out", type=Path, default=DOCS)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.special import betaln
 
 from geometry.arrays import FloatArray, IntArray
 from locate.survey.frame import FlightOffset, PlumeSighting
@@ -64,7 +65,12 @@ def associate(
 def find_same_hotspots(
     sightings: Sequence[PlumeSighting], groups: IntArray, solution: GraphSolution, density: float
 ) -> list[tuple[int, int]]:
-    """Pairs of hotspots that are likelier one than two; of each hotspot only its likeliest."""
+    """Pairs of hotspots that are likelier one than two; of each hotspot only its likeliest.
+
+    Two that no flight saw both of would share the flights out between them, and any way of that is
+    as likely: the more flights, the more this speaks for one. Without it the two halves into which
+    chance parts the sightings of one are, by their means, plainly two.
+    """
     count = len(solution.positions)
     saw = np.zeros((count, 1 + max((one.flight for one in sightings), default=0)), dtype=bool)
     saw[groups, [one.flight for one in sightings]] = True
@@ -74,6 +80,8 @@ def find_same_hotspots(
     covariance[each, each] = np.eye(2)
     apart = (solution.positions[:, None] - solution.positions)[..., :2]
     odds = _log_density(apart, covariance) - np.log(density / SAME)
+    one, other = saw.sum(axis=1)[:, None], saw.sum(axis=1)
+    odds -= betaln(one + 1, other + 1) + np.log(one + other + 1)  # log of one + other over other
     odds[saw.astype(int) @ saw.T > 0] = -np.inf
     likely = [(k, other) for k, other in np.argwhere(odds > 0).tolist() if k < other]
     likely.sort(key=lambda pair: -odds[pair])

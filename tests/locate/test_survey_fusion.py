@@ -16,6 +16,8 @@ from tests.locate.answers import plume
 
 SIGMAS = np.array([0.002, 0.002, 0.004, 1.0, 1.0, 2.0, 0.002])
 OWN_M, WANDER_M = 0.3, 0.5
+MANY = 150
+"""Flights, enough for a few sightings to lie far from the others of their hotspot by chance."""
 STILL = Similarity(scale=1.0, rotation=np.eye(3), translation=np.zeros(3))
 
 
@@ -105,6 +107,14 @@ def test_sightings_find_their_hotspots() -> None:
     fused = associate(seen, [offset(f) for f in range(6)], leans, wander_m=WANDER_M, area_m2=2500.0)
     assert np.array_equal(fused.hotspot_of, truth)
     assert abs(fused.solution.shared.drift_m - 8.0) < 3 * fused.solution.shared.drift_sigma_m
+
+
+def test_many_flights_do_not_split_a_hotspot() -> None:
+    leans = np.zeros((MANY, 2))
+    seen, truth = flown(SITES, leans, 0.0, np.random.default_rng(5))
+    offsets = [offset(f) for f in range(MANY)]
+    fused = associate(seen, offsets, leans, wander_m=WANDER_M, area_m2=2500.0)
+    np.testing.assert_array_equal(fused.hotspot_of, truth)
 
 
 def test_one_flight_never_sees_one_hotspot_twice() -> None:
