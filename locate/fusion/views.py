@@ -55,6 +55,8 @@ class Views:
         information: V normal equations of the displacement, as large as the maps; empty where
             the detector does not measure them.
         displacement_only: How many of the views, the last ones, hold information alone.
+        foreseen: (V, H, W) evidence that a plume would bring, in its mean; None where that is not
+            known: then all pixels with evidence count alike.
     """
 
     trajectory: Trajectory
@@ -65,6 +67,7 @@ class Views:
     correlation_px2: float
     information: tuple[DisplacementInformation, ...] = ()
     displacement_only: int = 0
+    foreseen: FloatMap | None = None
 
     @classmethod
     def from_detections(
@@ -148,6 +151,7 @@ class Views:
         llr: FloatMap,
         information: tuple[DisplacementInformation, ...] | None = None,
         correlation_px2: float | None = None,
+        foreseen: FloatMap | None = None,
     ) -> Self:
         """The same views with other evidence, (V, H, W), and perhaps other information.
 
@@ -158,6 +162,7 @@ class Views:
             llr=llr,
             information=self.information if information is None else information,
             correlation_px2=correlation_px2 or self.correlation_px2,
+            foreseen=foreseen,
         )
         kept = vars(self).keys() & FREE_OF_EVIDENCE
         vars(other).update({name: vars(self)[name] for name in kept})

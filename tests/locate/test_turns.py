@@ -10,12 +10,14 @@ from locate.fusion.find import FoundPlumes
 from locate.fusion.fuse import FusionResult
 from locate.fusion.limit import detection_limit_px
 from locate.fusion.matched import plumes
+from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import turn_kernel
 from locate.fusion.matched.fit import Turn, agreed_sigmas, find_turns
 from locate.fusion.matched.plumes import (
     RADIUS_WIDTHS,
     TurnSearch,
     column_of,
+    is_near,
     join_turn,
     strength_of_turn,
 )
@@ -23,6 +25,7 @@ from locate.fusion.matched.probability import passes, true_probability
 from locate.fusion.matched.scan import propose_turns
 from locate.fusion.matched.score import SHARED, TurnScore, join_sides
 from locate.fusion.search.columns import Columns, PlumeColumn
+from locate.fusion.source.base import locate_base
 from locate.fusion.views import Views
 from locate.map.plume import Plume
 from locate.simulation.evidence import (
@@ -237,6 +240,36 @@ def test_a_found_plume_is_masked_out_where_it_was_measured(
     assert any(
         own.widest_gap_to(column) < 1e-9 and own.radius == column.radius for column in masked
     )
+
+
+def test_where_a_turn_would_show_little_its_absence_counts_little(truth: ColumnTruth) -> None:
+    views = views_of(truth, 0.4)
+    covered_up_to = truth.column.axis_points(np.array([0.6 * truth.height]))
+    dimmed = []
+    for i, full in enumerate(views.information):
+        weight = np.ones(views.llr.shape[1:], np.float32)
+        weight[int(views.trajectory.project(i, covered_up_to)[0, 1]) :] = 0.01
+        dimmed.append(
+            DisplacementInformation(
+                vector=full.vector * weight[..., None], matrix=full.matrix * weight[..., None]
+            )
+        )
+    column = PlumeColumn(narrow_column(truth).array[0])
+    filled = with_turn_evidence(replace(views, information=tuple(dimmed)), Turn(column, 25.0))
+    wide = column.widened(RADIUS_WIDTHS)
+    base, without = locate_base(filled, wide), locate_base(replace(filled, foreseen=None), wide)
+    assert without.height > 2 * without.sigma
+    assert abs(base.height) < base.sigma
+
+
+def test_plumes_whose_axes_meet_are_one(plume: Plume) -> None:
+    aside, unit = np.array([3.0, 0.0, 0.0]), 0.85
+    meeting = plume.points_on_axis(np.array([plume.extent_high / 2]))[0] - (plume.source - aside)
+    slanted = replace(
+        plume, source=plume.source - aside, axis=meeting / np.linalg.norm(meeting), extent_high=6.0
+    )
+    assert is_near(slanted, [plume], unit)
+    assert not is_near(replace(plume, source=plume.source - aside), [plume], unit)
 
 
 def test_a_plume_seen_at_one_height_has_a_column(search: TurnSearch, plume: Plume) -> None:

@@ -1,7 +1,5 @@
 """Evidence of each pixel for one turn, from which its source and its extent are taken."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from geometry.arrays import FloatArray, FloatMap, IntArray
@@ -27,6 +25,9 @@ def with_turn_evidence(views: Views, turn: Turn) -> Views:
     That is the log-likelihood ratio of a turn of the size that all views together show against
     none. All of them together have half the square of its sigmas, as errors that neighbouring
     pixels share make the sum of what each states too large.
+
+    Where no view has evidence of pixels, what each pixel would bring is foreseen: where something
+    moves or there is no texture a turn shows little, which is not evidence against it.
     """
     predicted = np.stack([_predict_turn(views, i, turn.column) for i in range(len(views))])
     vector = np.stack([each.vector for each in views.information])
@@ -35,14 +36,19 @@ def with_turn_evidence(views: Views, turn: Turn) -> Views:
     score = x * vector[..., 0] + y * vector[..., 1]
     variance = x * x * matrix[..., 0] + 2 * x * y * matrix[..., 1] + y * y * matrix[..., 2]
     size_px = score.sum() / max(float(variance.sum()), 1e-9)
-    llr = size_px * score - size_px**2 / 2 * variance
+    mean_llr = size_px**2 / 2 * variance
+    llr = size_px * score - mean_llr
     total = max(float(llr.sum()), 1e-9)
     nats = turn.sigmas**2 / 2
     empty = ~views.llr.any(axis=(1, 2), keepdims=True)
     correlation_px2 = CORRELATION_PX2 if empty.all() else views.correlation_px2
-    turning = (llr * (nats / total * correlation_px2)).astype(np.float32)
-    filled = views.with_evidence(np.where(empty, turning, views.llr))
-    return replace(filled, correlation_px2=correlation_px2)
+    factor = nats / total * correlation_px2
+    turning = (llr * factor).astype(np.float32)
+    return views.with_evidence(
+        np.where(empty, turning, views.llr),
+        correlation_px2=correlation_px2,
+        foreseen=(mean_llr * factor).astype(np.float32) if empty.all() else None,
+    )
 
 
 def _predict_turn(views: Views, i: int, column: PlumeColumn) -> FloatMap:

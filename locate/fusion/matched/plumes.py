@@ -13,7 +13,13 @@ from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
-from locate.fusion.matched.fit import Turn, agreed_sigmas, find_turns, strongest_turn_near
+from locate.fusion.matched.fit import (
+    APART_UNITS,
+    Turn,
+    agreed_sigmas,
+    find_turns,
+    strongest_turn_near,
+)
 from locate.fusion.matched.probability import LEAST_PROBABILITY, ColumnStrength
 from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
 from locate.fusion.matched.score import TurnScore
@@ -121,7 +127,7 @@ class TurnSearch:
             plume = _measure_turn(score, turn.column, strength, rng)
             if plume is None:
                 rejected = max(rejected, strength.probability)
-            elif not _is_near(plume, [*known, *found], unit):
+            elif not is_near(plume, [*known, *found], unit):
                 found.append(plume)
                 score = score.without(turn.column.widened(RADIUS_WIDTHS), column_of(plume))
         return Decision(plumes=found, rejected=rejected)
@@ -214,6 +220,13 @@ def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) 
     return float(nats.max())
 
 
-def _is_near(plume: Plume, others: Sequence[Plume], unit: float) -> bool:
-    apart = (np.linalg.norm((plume.source - other.source)[:2]) for other in others)
-    return any(distance < FAR_UNITS * unit for distance in apart)
+def is_near(plume: Plume, others: Sequence[Plume], unit: float) -> bool:
+    """Whether its source is near another's, or its axis meets one.
+
+    Sources of one plume lie apart where its axis slants and their heights differ.
+    """
+    return any(
+        np.linalg.norm((plume.source - other.source)[:2]) < FAR_UNITS * unit
+        or column_of(plume).gap_to(column_of(other)) < APART_UNITS * unit
+        for other in others
+    )

@@ -46,18 +46,22 @@ def score_columns(views: Views, columns: Columns, *, along: int = ALONG) -> Floa
         along: Samples along the axis.
     """
     sampled = _sample_outlines(views, columns, along)
-    return np.concatenate([outlines.sum(outlines.llr_in(views)) for outlines in sampled])
+    return np.concatenate([outlines.sum(outlines.read(views.llr)) for outlines in sampled])
 
 
 def sum_over_outlines(
     views: Views, columns: Columns, *, along: int = ALONG
 ) -> tuple[FloatArray, FloatArray]:
-    """As `score_columns`, and (V, N) the number of independent samples that hold evidence."""
+    """As `score_columns`, and (V, N) the number of independent samples that hold evidence.
+
+    Where it is known what a plume would bring (`Views.foreseen`), they count in proportion to it.
+    """
     nats, samples = [], []
     for outlines in _sample_outlines(views, columns, along):
-        llr = outlines.llr_in(views)
+        llr = outlines.read(views.llr)
         nats.append(outlines.sum(llr))
-        samples.append(outlines.sum(llr != 0))
+        counted = llr != 0 if views.foreseen is None else outlines.read(views.foreseen)
+        samples.append(outlines.sum(counted))
     return np.concatenate(nats), np.concatenate(samples)
 
 
@@ -108,9 +112,9 @@ class _SampledOutlines(NamedTuple):
     gate: FloatMap
     area: FloatArray
 
-    def llr_in(self, views: Views) -> FloatMap:
-        """(V, A, S, N) evidence at the pixels."""
-        return _sample_nearest(views.llr[self.rows], self.x, self.y, outside=0.0)
+    def read(self, maps: FloatMap) -> FloatMap:
+        """(V, A, S, N) values of all views' maps at the pixels, 0 outside."""
+        return _sample_nearest(maps[self.rows], self.x, self.y, outside=0.0)
 
     def sum(self, values: FloatMap) -> FloatArray:
         """(V, N) sums of (V, A, S, N) values at the pixels, in independent samples."""
