@@ -11,8 +11,8 @@ from geometry.grid import EvidenceGrid, VoxelBox
 from locate.fusion.extract import drop_known, extract_plumes, find_far_columns
 from locate.fusion.joint import JointColumns, measure_together
 from locate.fusion.search.columns import Columns
-from locate.fusion.search.fit import fit_columns
-from locate.fusion.search.null import CLEAR_FACTOR, FALSE_ALARM, NullLevel
+from locate.fusion.search.fit import SEARCH_GAIN, fit_columns
+from locate.fusion.search.null import FALSE_ALARM, NullLevel
 from locate.fusion.search.proposals import MOST_PROPOSALS, propose_columns
 from locate.fusion.search.score import column_contrast, column_evidence, mask_out
 from locate.fusion.views import Views
@@ -224,7 +224,7 @@ def weakest_candidate(strengths: FloatArray, least_nats: float) -> float:
         strengths: (N,) evidence of the columns, nats.
         least_nats: The floor; with none, any column may be a plume.
     """
-    candidates = strengths[CLEAR_FACTOR * strengths >= least_nats]
+    candidates = strengths[SEARCH_GAIN * strengths >= least_nats]
     return max(least_nats, float(candidates.min())) if len(candidates) else least_nats
 
 

@@ -20,8 +20,8 @@ from geometry.arrays import BoolArray, FloatArray
 from geometry.grid import VoxelBox
 from locate.fusion.extract import drop_known, single_plume
 from locate.fusion.search.columns import Columns, PlumeColumn
-from locate.fusion.search.fit import FINE_ROUNDS, fit_columns, random_search
-from locate.fusion.search.null import CLEAR_FACTOR, NullLevel
+from locate.fusion.search.fit import FINE_ROUNDS, SEARCH_GAIN, fit_columns, random_search
+from locate.fusion.search.null import NullLevel
 from locate.fusion.search.proposals import MOST_PROPOSALS, SEPARATION_UNITS, propose_columns
 from locate.fusion.search.score import column_contrast, column_evidence, explained_pixels
 from locate.fusion.source.measure import refine_axis
@@ -117,7 +117,7 @@ class JointColumns:
         for k in np.argsort(-self._nats(), kind="stable"):
             column, counted = self._members[k].column, self._left_to(self._members[k])
             alone = self._masked(counted, correlation_area_of(self.views.llr, counted))
-            if CLEAR_FACTOR * column_evidence(alone, column.as_columns)[0] >= least_nats:
+            if SEARCH_GAIN * column_evidence(alone, column.as_columns)[0] >= least_nats:
                 found.append((column, alone))
         return found
 

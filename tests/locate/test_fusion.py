@@ -76,7 +76,7 @@ def test_a_floor_far_above_chance_ends_the_draws(monkeypatch: pytest.MonkeyPatch
     quiet, loud = [10.0, 12.0, 14.0] * 4, [10.0, 12.0, 70.0] * 4
     assert len(draw(80.0, quiet).strongest) == 4
     assert len(draw(0.0, quiet).strongest) == 12
-    assert len(draw(30.0, quiet).strongest) == 12
+    assert len(draw(25.0, quiet).strongest) == 12
     assert len(draw(80.0, loud).strongest) == 12
 
 

@@ -40,6 +40,8 @@ LENGTHS = (X, Y, Z, HEIGHT, RADIUS)
 """The entries of a column that are lengths."""
 FREE = (-np.inf, np.inf)
 """No bounds."""
+SEARCH_GAIN = 2.0
+"""So many times the evidence of a column a search from it may still find; chosen by hand."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -24,7 +24,7 @@ NULL_DRAWS = 12
 """Most volumes drawn; chosen by hand: each takes as long as the search itself."""
 FEWEST_DRAWS = 4
 """Volumes after which the draws may end; chosen by hand."""
-CLEAR_FACTOR = 2.0
+CLEAR_FACTOR = 1.5
 """They end where this many times the level is below the floor or every column; chosen by hand."""
 FALSE_ALARM = 0.01
 """Probability that a volume without plumes yields one; chosen by hand."""
