@@ -6,11 +6,12 @@ FILM is the folder of a simulated scene, its frames as wide as the widest or wid
 to each width (means of the pixels that fall on one) and coded losslessly (FFV1). Each video goes
 through the whole run, with one process, no overlay video and a camera that is not known. Writes
 growth_sizes.csv: CPU seconds of all stages and of each, memory, disk, in how many frames refraction
-was measured (more where the first leave doubt), the strength of the plume, and how far off its
-source is. The exponents are over pixels.
+was measured (+ those that fusion asks for where these leave doubt), the strength of the plume, and
+how far off its source is. The exponents are over pixels.
 """
 
 import argparse
+import re
 import tempfile
 from pathlib import Path
 
@@ -30,6 +31,9 @@ from locate.pipeline.files import RunFiles
 from locate.recording import open_recording
 from locate.recording.opening import ANY_SIDE
 from locate.recording.writer import LOSSLESS, create_video
+
+MORE = r"(\d+) more frames"
+"""What a map says of the frames of which the displacement alone was measured."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,13 +79,14 @@ def write_shrunk(film: Path, folder: Path, width: int) -> tuple[Path, tuple[int,
 def outcome(film: Path, run: Path, width: int) -> Row:
     """The strength of the plume in a film so wide, and what a run of it found."""
     files = RunFiles(run)
-    trajectory = Trajectory.load(files.trajectory)
-    scored = evaluate_map(PlumeMap.load(files.map), trajectory, film)
+    found = PlumeMap.load(files.map)
+    scored = evaluate_map(found, Trajectory.load(files.trajectory), film)
     errors = [f"{plume.error_percent:.1f}" for plume in scored.plumes]
     filmed_px = Trajectory.load(film / "truth.json").camera.width
     measured = len(list(files.detections.glob("*.npz")))
+    more = re.search(MORE, " ".join(found.notes))
     return {
-        "frames measured": str(measured),
+        "frames measured": f"{measured} + {more[1]}" if more else str(measured),
         "strength, px": f"{strength_px(film) * width / filmed_px:.3f}",
         "source off, % of the range": "; ".join(errors) or "missed",
         "false": str(len(scored.false_plumes)),
