@@ -52,7 +52,7 @@ def panel(rows: Sequence[Row]) -> np.ndarray:
     fitted = {name: row[name] for row in rows if row[title] == EXPONENT for name in row}
     sizes = np.array([float(row[title]) for row in rows if row[title] != EXPONENT])
     image = blank(HEIGHT, WIDTH)
-    text(image, title, (LEFT, 18))
+    text(image, f"{title}: exponents", (LEFT, 18))
     for power in range(round(np.log10(LEAST)), round(np.log10(MOST)) + 1):
         (height,) = heights(np.array([10.0**power]))
         cv2.line(image, (LEFT, height), (RIGHT, height), (235, 235, 235), 1)
