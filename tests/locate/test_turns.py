@@ -272,6 +272,24 @@ def test_plumes_whose_axes_meet_are_one(plume: Plume) -> None:
     assert not is_near(replace(plume, source=plume.source - aside), [plume], unit)
 
 
+def test_axes_that_show_as_much_spread_that_of_a_turn(truth: ColumnTruth) -> None:
+    straight = narrow_column(truth)[0]
+    slanted = [
+        straight.on_line(straight.line + np.array([0, 0, slope, 0])) for slope in (-0.2, 0.2)
+    ]
+    raised = slanted[1].moved_to(slanted[1].axis_points(np.array([0.5]))[0])
+    far = straight.shifted(np.array([1.0, 0.0]))
+    columns = Columns.of([straight, slanted[0], raised, far])
+    alike = Turn.best_of(columns, np.array([9.0, 9.0, 9.0, 9.0]), 0, 0.3)
+    worse = Turn.best_of(columns, np.array([9.0, 6.0, 6.0, 9.0]), 0, 0.3)
+    opposite = Turn.best_of(columns, np.array([9.0, -9.0, -9.0, -9.0]), 0, 0.3)
+    expected = np.zeros((4, 4))
+    expected[2, 2] = 2 * 0.2**2 / 3
+    assert alike.spread == pytest.approx(expected)
+    assert np.abs(worse.spread).max() < 1e-6
+    assert not opposite.spread.any()
+
+
 def test_a_plume_seen_at_one_height_has_a_column(search: TurnSearch, plume: Plume) -> None:
     column = column_of(replace(plume, extent_high=plume.extent_low))
     assert np.isfinite(column.as_columns.axis_points(np.zeros((1, 1)))).all()
@@ -366,6 +384,16 @@ def test_what_pixels_and_turn_differ_by_widens_the_covariance(on_turn: bool, x: 
     np.testing.assert_allclose(joined.line, [x, 0, 0, 0], atol=1e-9)
     np.testing.assert_allclose(column.line, joined.line, atol=1e-9)
     np.testing.assert_allclose(joined.covariance - axis.covariance, np.diag([0.02, 0, 0, 0]))
+
+
+def test_the_spread_of_a_turn_grows_away_from_it() -> None:
+    axis = AxisEstimate(lowest=1.0, line=np.zeros(4), covariance=0.01 * np.eye(4), sway=None)
+    spread = np.diag([0.01, 0, 0.04, 0])
+    turn = Turn(PlumeColumn(np.array([0, 0, 3, 0, 0, 2, 0.1, 0])), sigmas=9.0, spread=spread)
+    _, own = join_turn(turn.column, axis, turn, True)
+    _, other = join_turn(turn.column, axis, turn, False)
+    assert own.covariance[0, 0] - axis.covariance[0, 0] == pytest.approx(0.01 + 2**2 * 0.04)
+    np.testing.assert_allclose(other.covariance, axis.covariance)
 
 
 def test_views_that_err_alike_count_once(truth: ColumnTruth) -> None:

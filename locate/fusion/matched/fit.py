@@ -1,6 +1,7 @@
 """Columns moved and bent until the displacement turns about them most."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -44,10 +45,37 @@ class Turn:
     Attributes:
         column: Its radius is the distance from the axis to the largest displacement.
         sigmas: How surely; positive where light is bent away from the axis.
+        spread: (4, 4) mean square of by how much the x, y and slopes of axes that show about as
+            much differ from its own, at its lowest point.
     """
 
     column: PlumeColumn
     sigmas: float
+    spread: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+
+    @classmethod
+    def best_of(cls, columns: Columns, sigmas: FloatArray, best: int, reach: float) -> Self:
+        """One of N columns, with the spread of those near it that turn the same way.
+
+        They are weighted by the likelihood that their sigmas stand for. Near a strong plume many
+        axes reach the most that counts, and the best of them is one by chance.
+
+        Args:
+            columns: N columns.
+            sigmas: (N,) of each.
+            best: Number of the one.
+            reach: How far axes may lie from it, world units.
+        """
+        column = columns[best]
+        close = np.array([each.gap_to(column) <= reach for each in columns])
+        near = np.flatnonzero(close & (sigmas * sigmas[best] > 0))
+        rises = np.array([[column.lowest_z - columns[k].lowest_z] for k in near])
+        points = columns.take(near).axis_points(rises)[:, 0, :2]
+        slopes = np.array([columns[k].slope for k in near])
+        apart = np.hstack([points - column.lowest_point[:2], slopes - column.slope])
+        weights = np.exp((sigmas[near] ** 2 - sigmas[best] ** 2) / 2)
+        spread = np.einsum("n,ni,nj->ij", weights / weights.sum(), apart, apart)
+        return cls(column, float(sigmas[best]), spread)
 
 
 def find_turns(score: TurnScore, proposals: Columns, rng: np.random.Generator) -> list[Turn]:
@@ -68,7 +96,7 @@ def find_turns(score: TurnScore, proposals: Columns, rng: np.random.Generator) -
     for k in surest[~_beside_a_stronger(score, columns, sigmas)[surest]]:
         column = columns[k]
         if all(column.gap_to(other.column) > APART_UNITS * unit for other in found):
-            found.append(Turn(column, float(sigmas[k])))
+            found.append(Turn.best_of(columns, sigmas, int(k), APART_UNITS * unit))
     return found
 
 

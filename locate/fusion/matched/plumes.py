@@ -13,13 +13,7 @@ from locate.fusion.axis.estimate import AxisEstimate
 from locate.fusion.extract import FAR_UNITS
 from locate.fusion.matched.evidence import with_turn_evidence
 from locate.fusion.matched.filters import TurnFilters
-from locate.fusion.matched.fit import (
-    APART_UNITS,
-    Turn,
-    agreed_sigmas,
-    find_turns,
-    strongest_turn_near,
-)
+from locate.fusion.matched.fit import Turn, agreed_sigmas, find_turns, strongest_turn_near
 from locate.fusion.matched.probability import LEAST_PROBABILITY, ColumnStrength
 from locate.fusion.matched.scan import SHOWN_PLACE, propose_turns
 from locate.fusion.matched.score import TurnScore
@@ -124,7 +118,7 @@ class TurnSearch:
             if strength.probability < LEAST_PROBABILITY:
                 rejected = max(rejected, strength.probability)
                 continue
-            plume = _measure_turn(score, turn.column, strength, rng)
+            plume = _measure_turn(score, turn, strength, rng)
             if plume is None:
                 rejected = max(rejected, strength.probability)
             elif not is_near(plume, [*known, *found], unit):
@@ -163,11 +157,11 @@ def strength_of_turn(score: TurnScore, turn: Turn, rng: np.random.Generator) -> 
 
 
 def _measure_turn(
-    score: TurnScore, narrow: PlumeColumn, strength: ColumnStrength, rng: np.random.Generator
+    score: TurnScore, turn: Turn, strength: ColumnStrength, rng: np.random.Generator
 ) -> Plume | None:
     """The plume about whose axis the displacement turns; None where no axis can be measured."""
-    views, column = score.filters.views, narrow.widened(RADIUS_WIDTHS)
-    turn = Turn(narrow, float(score(narrow.as_columns)[0]))
+    views, column = score.filters.views, turn.column.widened(RADIUS_WIDTHS)
+    turn = replace(turn, sigmas=float(score(turn.column.as_columns)[0]))
     filled = with_turn_evidence(views, turn)
     measured = _try_axis(filled, column, rng)
     weak = strength.nats_per_view < CLUTTER_NATS
@@ -202,13 +196,18 @@ def join_turn(
     """The column and its axis, on the turn's own axis if `on_turn`.
 
     Two estimates of one variance differ by twice that variance on average, so half of the squared
-    difference of the axes is added to the covariance.
+    difference of the axes is added to the covariance; to that of the turn's own, its spread too.
     """
-    (point,) = turn.column.axis_points(np.array([axis.lowest - turn.column.lowest_z]))
+    rise = axis.lowest - turn.column.lowest_z
+    (point,) = turn.column.axis_points(np.array([rise]))
     line = np.concatenate([point[:2], turn.column.slope])
     apart = line - axis.line
     axis = replace(axis, covariance=axis.covariance + np.outer(apart, apart) / 2)
-    return (column.on_line(line), replace(axis, line=line)) if on_turn else (column, axis)
+    if not on_turn:
+        return column, axis
+    move = np.eye(4) + rise * np.eye(4, k=2)
+    spread = move @ turn.spread @ move.T
+    return column.on_line(line), replace(axis, line=line, covariance=axis.covariance + spread)
 
 
 def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) -> float:
@@ -221,12 +220,15 @@ def _most_evidence(views: Views, column: PlumeColumn, rng: np.random.Generator) 
 
 
 def is_near(plume: Plume, others: Sequence[Plume], unit: float) -> bool:
-    """Whether its source is near another's, or its axis meets one.
+    """Whether its source or its axis is near another's.
 
     Sources of one plume lie apart where its axis slants and their heights differ.
     """
     return any(
-        np.linalg.norm((plume.source - other.source)[:2]) < FAR_UNITS * unit
-        or column_of(plume).gap_to(column_of(other)) < APART_UNITS * unit
+        min(
+            float(np.linalg.norm((plume.source - other.source)[:2])),
+            column_of(plume).gap_to(column_of(other)),
+        )
+        < FAR_UNITS * unit
         for other in others
     )
